@@ -20,7 +20,7 @@ from dataclasses import replace
 
 from teleop_rt.master.walls import NO_WALL, Wall
 
-BLEND_S = 0.25
+BLEND_S = 0.2
 """How long a blend takes that changes the force by its step or more: a hand rings at 4 to 10 Hz."""
 
 

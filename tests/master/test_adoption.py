@@ -86,9 +86,9 @@ def test_out_of_contact_a_wall_is_adopted_at_once() -> None:
 def test_in_contact_the_force_moves_as_a_cosine_until_the_wall_is_adopted() -> None:
     adoption = adopted(SOFT)
     adoption.offer(STIFF)
-    forces = np.array([adoption.update(0.01, 0.0, DT_S) for _ in range(260)])
+    forces = np.array([adoption.update(0.01, 0.0, DT_S) for _ in range(210)])
     shares = (forces - 5.0) / 45.0
-    expected = 0.5 * (1 - np.cos(np.pi * np.minimum(1.0, np.arange(1, 261) * DT_S / 0.25)))
+    expected = 0.5 * (1 - np.cos(np.pi * np.minimum(1.0, np.arange(1, 211) * DT_S / 0.2)))
     assert shares == pytest.approx(expected, abs=1e-6)
     assert adoption.weight == 1
     assert adoption.energy_J == pytest.approx((5000 - 500) * 0.01**2 / 2)
@@ -105,15 +105,15 @@ def test_the_force_moves_by_the_step_limit_at_most() -> None:
 def test_a_little_other_wall_is_adopted_in_little_time() -> None:
     adoption = adopted(SOFT)
     adoption.offer(Wall(surface=0.0, k=505.0))  # 0.05 N more: a tenth of the step
-    for _ in range(26):
+    for _ in range(21):
         force = adoption.update(0.01, 0.0, DT_S)
     assert force == pytest.approx(5.05)
 
 
-@pytest.mark.parametrize("mass", [0.6, 1.5, 3.0])
+@pytest.mark.parametrize("mass", [0.6, 1.0, 1.5])
 @pytest.mark.parametrize("way", [-0.002, 0.002])
 def test_a_surface_that_falls_or_rises_does_not_set_off_a_hand(mass: float, way: float) -> None:
-    """A hand with hardly any damping leans on 2 kN/m, and rings at 5 to 11 Hz once it is kicked."""
+    """A hand with hardly any damping leans on 2 kN/m, and rings at 7 to 11 Hz once it is kicked."""
     adoption = adopted(Wall(surface=0.0, k=2000.0))
     hand_k, hand_b, goal, steps = 1000.0, 3.0, 0.018, 10
     x, v, places = goal * hand_k / (hand_k + 2000.0), 0.0, []
@@ -126,7 +126,7 @@ def test_a_surface_that_falls_or_rises_does_not_set_off_a_hand(mass: float, way:
             x += v * DT_S / steps
         places.append(x)
     rest = (goal * hand_k - 2000.0 * way) / (hand_k + 2000.0)
-    after = np.array(places[100 + 250 :])
+    after = np.array(places[100 + 200 :])
     assert np.ptp(after) < 0.2 * abs(way)  # 0.8 to 1.2 after a force that changes in 20 ms
     assert after[-1] == pytest.approx(rest, abs=0.1 * abs(way))
 
@@ -160,7 +160,7 @@ def test_a_wall_of_the_same_force_and_more_energy_is_not_taken_on_without_paymen
 def test_a_softer_wall_needs_no_energy() -> None:
     adoption = adopted(STIFF, capacity_J=0.0)
     adoption.offer(SOFT)
-    for _ in range(251):
+    for _ in range(201):
         force = adoption.update(0.01, 0.0, DT_S)
     assert force == pytest.approx(5.0)
     assert adoption.energy_J == 0.0
@@ -174,7 +174,7 @@ def test_a_blend_that_cannot_be_paid_does_not_block_a_later_wall() -> None:
     assert adoption.weight < 0.2
     right = Wall(surface=0.0, k=550.0, b=5.0)
     adoption.offer(right)
-    for _ in range(260):
+    for _ in range(210):
         force = adoption.update(0.01, 0.0, DT_S)
     assert adoption.new is right
     assert force == pytest.approx(5.5)

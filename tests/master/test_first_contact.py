@@ -8,7 +8,6 @@ from master_world import CONFIG, PERIOD_NS, World
 
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import ModelMessage, StateMessage
-from teleop_rt.master.master import NOTICEABLE_SHARE
 from teleop_rt.master.registration import PHANTOM_STATES, PhantomWatch, Registration
 from teleop_rt.master.walls import NO_WALL, Wall
 from teleop_rt.signals import MASTER, columns
@@ -160,7 +159,10 @@ def test_a_phantom_wall_is_withdrawn_by_limited_steps_and_without_energy() -> No
     assert world.master.force == pytest.approx(0.0, abs=1e-9), "kept withdrawn for this contact"
 
 
-def test_the_next_contact_of_a_body_that_went_away_is_not_felt_where_the_last_one_was() -> None:
+@pytest.mark.parametrize("surface", [0.0209, 0.0214, 0.0217, 0.0223])
+def test_the_next_contact_of_a_body_that_went_away_is_not_felt_where_the_last_one_was(
+    surface: float,
+) -> None:
     """The slave's model still has the old place: its estimator finds the new one later."""
     go = Script((0, 0), (0.5, 0.02), (1, 0.02), (1.5, 0.024), (2, 0.024), (2.5, 0), (3.5, 0.018))
     world = World(go)
@@ -168,7 +170,7 @@ def test_the_next_contact_of_a_body_that_went_away_is_not_felt_where_the_last_on
     assert world.master.force > 15.0
     slave, old = world.slave, world.slave.model
     assert old is not None
-    slave.surface, slave.model_after, felt = 0.0217, math.inf, []
+    slave.surface, slave.model_after, felt = surface, math.inf, []
     for _ in range(1080):
         slave.model = old._replace(contact_id=slave.contact_id, model_sequence=slave.contact_id)
         world.step()
@@ -176,7 +178,7 @@ def test_the_next_contact_of_a_body_that_went_away_is_not_felt_where_the_last_on
             felt.append(world.master.force - slave.force())
     assert world.master.intake.withdrawn >= 1
     assert len(felt) > 500
-    assert max(felt) < NOTICEABLE_SHARE * CONFIG.force_max
+    assert max(felt) < 0.05 * CONFIG.force_max
     world.run(600)
     assert not slave.in_contact
     slave.surface = 0.0137
