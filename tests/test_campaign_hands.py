@@ -180,13 +180,22 @@ def test_the_stranger_shares_no_code_with_the_project():
     assert not [line for line in imports if "teleop_rt" in line or line.startswith("from .")]
 
 
-def test_tremor_on_a_wall_rendered_softer_is_the_hands_own():
-    """Seed 310054: a hand of 2.6 kg and 1.3 N of tremor, 6.7 of 32 kN/m; without tremor, nothing.
+def test_tremor_on_a_wall_rendered_softer_makes_no_row_of_swings():
+    """Seed 310054: a hand of 2.6 kg and 1.3 N of tremor, 6.7 of 32 kN/m.
 
-    The other judge, which renders tremor of its own, finds none either.
+    While a model changed the force within 20 ms, only the judge's ideal hand explained its swings.
     """
     found = campaign_hands.run(310054, 6.0)
-    assert found["hands_own"]
+    assert found["swings"] < campaign_hands.SUSTAINED
+    assert not found["hands_own"]
+    assert found["strangers_swings"] < campaign_hands.SUSTAINED
+    assert found["holds"], found
+
+
+@pytest.mark.parametrize("number", [540015, 540202])
+def test_a_model_that_moves_the_surface_does_not_kick_the_hand(number):
+    """The second judge found 7 swings of 1 to 2 mm in each, after a surface fell by 3 mm."""
+    found = campaign_hands.run(number, 6.0)
     assert found["strangers_swings"] < campaign_hands.SUSTAINED
     assert found["holds"], found
 
