@@ -191,7 +191,7 @@ class Adoption:
             self.new, self._waiting, self.weight = self._waiting, None, 0.0
 
     def _unhurried(self, difference: float, dt_s: float, *, backwards: bool) -> float:
-        """Return by how much the weight may move in a tick: a cosine over `BLEND_S`, less for little.
+        """Return by how much the weight may move in a tick: along a cosine over `BLEND_S` or less.
 
         Faster, a blend is a step for a hand on a wall, which then rings.
         """
