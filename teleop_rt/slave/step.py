@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact import detection as d
-from teleop_rt.estimation import selection as sel
-from teleop_rt.estimation import state as c
-from teleop_rt.estimation import watch as wa
+from teleop_rt.contact import detection
+from teleop_rt.estimation import selection, watch
+from teleop_rt.estimation import state as estimation
 from teleop_rt.jit import kernel
 from teleop_rt.link import statistics as counted
 from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state
@@ -41,18 +40,18 @@ _NOWHERE_FREE = -1e299
 
 
 @kernel
-def look_at_contact(t: Tick, st: c.BankState) -> None:
+def look_at_contact(t: Tick, bank: estimation.BankState) -> None:
     """Take over the contact as the estimators see it, in encoder coordinates."""
-    one = st.detector
-    known = one[d.SURFACE_KNOWN] > 0.0
-    t.in_contact, t.contact_id = one[d.IN_CONTACT] > 0.0, int(one[d.CONTACT_ID])
-    t.surface = one[d.SURFACE] - t.surface_shift if known else math.nan
-    t.velocity = st.q[c.VELOCITY]
-    free = one[d.VERIFIED_FREE] - t.surface_shift
-    seen = one[d.STARTED] > 0.0 and free > _NOWHERE_FREE and math.isfinite(free)
-    t.verified_free = free if seen else t.nothing_free
-    t.rig_force = st.q[c.RIG_FORCE]
-    t.inadequate = st.watch[wa.RAISED] > 0.0
+    seen = bank.detector
+    known = seen[detection.SURFACE_KNOWN] > 0.0
+    t.in_contact, t.contact_id = seen[detection.IN_CONTACT] > 0.0, int(seen[detection.CONTACT_ID])
+    t.surface = seen[detection.SURFACE] - t.surface_shift if known else math.nan
+    t.velocity = bank.q[estimation.VELOCITY]
+    free = seen[detection.VERIFIED_FREE] - t.surface_shift
+    started = seen[detection.STARTED] > 0.0 and free > _NOWHERE_FREE and math.isfinite(free)
+    t.verified_free = free if started else t.nothing_free
+    t.rig_force = bank.q[estimation.RIG_FORCE]
+    t.inadequate = bank.watch[watch.RAISED] > 0.0
 
 
 @kernel
@@ -152,21 +151,21 @@ def write_state(t: Tick, body: Any) -> None:
 
 
 @kernel
-def write_row(t: Tick, st: c.BankState, link: Counts, row: Any) -> None:
+def write_row(t: Tick, bank: estimation.BankState, link: Counts, row: Any) -> None:
     """Write what the step knows into the recorded row; `link` are the words of its statistics."""
     row.tick, row.stamp_ns, row.sample_stamp_ns = t.tick, t.now_ns, t.sample_stamp_ns
     row.valid = t.usable
     row.packets_received, row.packets_lost = link[counted.RECEIVED], link[counted.LOST]
-    chosen = int(st.choice[sel.SELECTED])
+    chosen = int(bank.choice[selection.SELECTED])
     row.position_age_ms = (t.now_ns - t.position_stamp_ns) * 1e-6
     row.force_age_ms = (t.now_ns - t.force_stamp_ns) * 1e-6
     row.position, row.force = t.position, t.force
     row.inadequate, row.rig_force = t.inadequate, t.rig_force
-    row.filtered_force, row.velocity = st.motion[c.MF], t.velocity
+    row.filtered_force, row.velocity = bank.motion[estimation.MF], t.velocity
     row.in_contact, row.contact_id, row.surface = t.in_contact, t.contact_id, t.surface
     row.selected = chosen if chosen >= 0 else math.nan
     predicted = chosen >= 0 and t.in_contact > 0
-    row.predicted_force = st.records[chosen, sel.PREDICTED] if predicted else math.nan
+    row.predicted_force = bank.records[chosen, selection.PREDICTED] if predicted else math.nan
     row.target, row.command = t.target, t.command
     row.state, row.missing = t.state, t.missing
     row.fault = t.fault
@@ -179,7 +178,7 @@ def write_row(t: Tick, st: c.BankState, link: Counts, row: Any) -> None:
 @kernel
 def decide(
     stored: StoredTick,
-    estimation: c.StateArray,
+    estimators: estimation.StateArray,
     late: Counts,
     on_hardware: Counts,
     link: Counts,
@@ -194,7 +193,7 @@ def decide(
     """
     t: Any = stored[0]
     if stage == CHECK:
-        look_at_contact(t, estimation[0])
+        look_at_contact(t, estimators[0])
         hear(t, motion[0])
         t.led = is_led(t)
         if t.late_ns >= t.runs_out_ns:
@@ -205,7 +204,7 @@ def decide(
     supervise(t)
     aim(t)
     action = act(t)
-    write_row(t, estimation[0], link, rows[0])
+    write_row(t, estimators[0], link, rows[0])
     write_state(t, bodies[0])
     return action
 
@@ -215,5 +214,7 @@ def compile_step() -> None:
     late = Lateness(ON_HARDWARE, 1_000_000).record
     record, row, link = TickRecord(), Row(SLAVE).stored, counted.Statistics().words
     motion = NewestMotion().stored
-    decide(record.stored, c.new_state()[0], late, late, link, motion, row, new_state(), LEAD)
+    decide(
+        record.stored, estimation.new_state()[0], late, late, link, motion, row, new_state(), LEAD
+    )
     stand_at(record.tick, 0.0)
