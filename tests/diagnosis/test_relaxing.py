@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.rounds import applicable
+from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 _RATE_HZ = 50.0
@@ -34,3 +38,52 @@ def test_a_strip_that_slackens_is_relaxation_and_no_saturated_sensor() -> None:
     assert all(_RELAXES & set(names) for names in answer["class"])
     error = answer["error"]["std_normalised"]
     assert error["after"] < 0.2 * error["before"]
+
+
+def _pulled(relaxing: float, slip_N: float = 0.0) -> tuple[Vector, Vector, Vector]:
+    """Return time, position and force of a ring held on both sides, in cycles with rests.
+
+    A spring of 2 N/mm with 1.8 N of pre-load; beside it an arm of `relaxing` [N/mm] that relaxes
+    within 3 s, integrated in steps of a tenth of the sample, and a friction that turns over
+    within 0.3 mm.
+    """
+    tops = np.repeat([4.0, 8.0, 12.0], 2)
+    corners = [(0.0, 0.0)]
+    for top in tops:
+        for lasts, to in ((2.0, top), (5.0, top), (2.0, 1.0), (3.0, 1.0)):
+            corners.append((corners[-1][0] + lasts, to))
+    fine = np.arange(0.0, corners[-1][0], 0.005)
+    x = np.interp(fine, *np.array(corners).T)
+    arm, slip = np.zeros((2, fine.size))
+    for i in range(1, fine.size):
+        moved = x[i] - x[i - 1]
+        arm[i] = arm[i - 1] + relaxing * moved - arm[i - 1] * 0.005 / 3.0
+        slip[i] = slip[i - 1] + abs(moved) / 0.3 * (slip_N * np.sign(moved) - slip[i - 1])
+    noise = 0.03 * np.random.default_rng(8).standard_normal(fine[::10].size)
+    force = 1.8 + 2.0 * x[::10] + arm[::10] + slip[::10] + noise
+    return fine[::10], 1e-3 * x[::10], force
+
+
+@pytest.mark.parametrize(
+    ("relaxing", "slip_N", "named"),
+    [(1.4, 0.0, {"stress_relaxation"}), (0.0, 0.0, set()),
+     (0.0, 1.5, {"coulomb_friction", "hysteresis", "stribeck_friction"})],
+)  # fmt: skip
+def test_a_body_that_is_held_all_along_relaxes_rubs_or_does_neither(
+    relaxing: float, slip_N: float, named: set[str]
+) -> None:
+    recording = from_arrays("ring", *_pulled(relaxing, slip_N))
+    answer = diagnose(recording, "spring,viscous,bias").answer
+    assert answer["verdict"] in ({"named", "class"} if named else {"no_missing_effect"})
+    assert {name for names in answer["class"] for name in names} <= named
+    if relaxing:
+        found = answer["effects"][0]["parameters"]
+        assert found["time_constant"]["value"] == pytest.approx(3.0, rel=0.02)
+        assert found["arm_stiffness"]["value"] == pytest.approx(1400.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("base", "relaxes"), [("spring,bias", True), ("mass-damper", False)])
+def test_a_drive_without_a_spring_has_no_body_that_relaxes(base: str, relaxes: bool) -> None:
+    recording = from_arrays("ring", *_pulled(0.0))
+    possible = applicable(LIBRARY, recording, base_of(base))
+    assert any(effect.name == "stress_relaxation" for effect in possible) is relaxes

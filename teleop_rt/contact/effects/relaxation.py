@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from math import exp
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
 
 
@@ -28,6 +28,20 @@ def _maxwell_arm(
     gain = eta[0] / dt * (1.0 - decay)
     state[0] = decay * state[0] + gain * (depth - state[1])
     state[1] = depth
+    return float(state[0])
+
+
+@kernel
+def _held_arm(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance the arm of a body that is held all along, at rest until the recording begins."""
+    if state[2] == 0.0:
+        state[2] = 1.0
+        state[1] = x
+    decay = exp(-dt / eta[0])
+    state[0] = decay * state[0] + eta[0] / dt * (1.0 - decay) * (x - state[1])
+    state[1] = x
     return float(state[0])
 
 
@@ -166,6 +180,17 @@ EFFECTS = (
         step=_maxwell_arm,
         sentence="A share of {arm_stiffness} relaxes within {time_constant}.",
         state_size=3,
+        fades=1,
+    ),
+    _relaxing(
+        name="stress_relaxation",
+        law=WITHOUT_CONTACT,
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(_time_constant(12),),
+        step=_held_arm,
+        sentence="A share of {arm_stiffness} relaxes within {time_constant}.",
+        state_size=3,
+        only_in_contact=False,
         fades=1,
     ),
     _relaxing(

@@ -22,7 +22,7 @@ _PAGE = '''"""{title}
 Drafted from {recording}: no declared effect explains what the model leaves there. Give the effect
 a name, say in `sentence` what it is, and change what you know better; see docs/howto/effect.md.
 
-Of what the base leaves depends on: {shares}.
+What the base leaves depends on: {shares}.
 The law is the sum of {count}: {words}.
 {words_beyond}
 """

@@ -198,7 +198,8 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     """Return the effects that are possible on this rig and with this base.
 
     Gravity of a lever needs a rotary rig, and a material effect needs a base with contact. Laws
-    without contact apply to a base without contact. Outliers are tested separately. If the base
+    without contact apply to a base without contact, a relaxation only to one with a spring: a drive
+    alone has no body that relaxes. Outliers are tested separately. If the base
     finds the surface, its surface parameter covers an offset and the flank of a play. Friction by
     direction equals symmetric friction and a bias (only a rest separates them), so a base with a
     bias excludes it.
@@ -213,7 +214,8 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
         if base.has_bias and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
             return False
         if effect.law == WITHOUT_CONTACT:
-            return not base.touches
+            held = base.has_spring or effect.family != "relaxation"
+            return held and not base.touches
         material = effect.belongs_to == "environment" or effect.only_in_contact
         return base.touches or not (material or effect.acts == "deflects")
 

@@ -51,6 +51,11 @@ class Base:
         return any(term.function is _acceleration for term in self.terms)
 
     @property
+    def has_spring(self) -> bool:
+        """Return whether a body's stiffness is a term."""
+        return any(term.function is _depth for term in self.terms)
+
+    @property
     def has_bias(self) -> bool:
         """Return whether a force that is always there is a term."""
         return any(term.function is _constant for term in self.terms)
