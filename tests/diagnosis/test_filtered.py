@@ -87,6 +87,20 @@ def test_filters_are_known_about_a_touch_and_a_pull_is_not(
     assert touches.explained_by_timing(whole, away, fit_base(away, base)) is known
 
 
+@pytest.mark.parametrize(("pole", "cubic", "more"), [(0.8, 0.0, True), (0.0, 4e8, False)])
+def test_a_fit_leaves_more_at_touches_through_filters_than_of_a_stiffening_body(
+    pole: float, cubic: float, *, more: bool
+) -> None:
+    t = np.arange(8000) / 1000.0
+    x = 1.2e-3 - 3e-3 * np.cos(2 * np.pi * 0.6 * t) + 1.1e-3 * np.sin(2 * np.pi * 2.9 * t)
+    force = np.where(x > 0.0, 2400.0 * x + 12.0 * np.gradient(x, t) + cubic * x**3, 0.0)
+    force = scipy.signal.lfilter([1.0 - pole], [1.0, -pole], force)
+    force = force + 0.003 * np.random.default_rng(5).standard_normal(t.size)
+    base = base_of("kelvin-voigt")
+    problem = problem_of(from_arrays("late", t, x, force), base, 0.0)
+    assert touches.leaves_more(problem, fit_base(problem, base)) is more
+
+
 def test_a_filtered_encoder_still_shows_its_step() -> None:
     t = np.arange(6000) * 1e-3
     x = 4e-3 * np.sin(2 * np.pi * 0.9 * t) + 1e-3 * np.sin(2 * np.pi * 3.3 * t)
