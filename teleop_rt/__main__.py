@@ -14,6 +14,7 @@ from teleop_rt.interrupts import INTERRUPTS, interrupt, interrupted
 
 FAULT = 1
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+_STREAMS = {"stdin": (0, "r"), "stdout": (1, "w"), "stderr": (2, "w")}
 _COLLECT_AFTER = 50_000
 """Objects made since the last collection. Python's 700 would look through all modules many times
 while they are loaded, a tenth of the time to start."""
@@ -26,6 +27,7 @@ def main() -> None:
     Linear algebra here is many small problems: more than one thread only makes them wait for each
     other, half as fast again and in the way of everything else on the machine.
     """
+    _open_closed_streams()
     for variable in _ONE_THREAD:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(_COLLECT_AFTER)
@@ -41,6 +43,20 @@ def main() -> None:
     finally:
         for number in INTERRUPTS:
             signal.signal(number, signal.SIG_IGN)
+
+
+def _open_closed_streams() -> None:
+    """Let standard streams that are closed lead nowhere.
+
+    Their numbers would be given to a socket or a log, into which any library's messages then go.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= _STREAMS["stderr"][0]:
+        pass
+    os.close(number)
+    for name, (number, mode) in _STREAMS.items():
+        if getattr(sys, name) is None:
+            stream = open(number, mode, encoding="utf-8", closefd=False)  # noqa: SIM115 - to the end
+            setattr(sys, name, stream)
 
 
 def program() -> None:

@@ -73,3 +73,26 @@ def test_an_interrupted_program_leaves_without_taking_the_compiler_down(command,
     )
     assert done.returncode == code
     assert done.stderr == ("interrupted\n" if code == 1 else "")
+
+
+CLOSED = """
+    import os, sys
+    from teleop_rt import __main__
+
+    for stream in (0, 1, 2):
+        assert not os.path.exists(f"/proc/self/fd/{stream}"), "closed as the test begins"
+    try:
+        __main__.main()
+    finally:
+        places = [os.readlink(f"/proc/self/fd/{stream}") for stream in (0, 1, 2)]
+        os.open(sys.argv[-1], os.O_CREAT)
+        os.rename(sys.argv[-1], f"{sys.argv[-1]}{places.count(os.devnull)}")
+"""
+
+
+def test_closed_standard_streams_lead_nowhere_and_into_no_socket_or_log(tmp_path):
+    """Their numbers would be the next file's: a message of a library would go into a bus."""
+    words = [sys.executable, "-c", textwrap.dedent(CLOSED), "keygen", tmp_path / "link.key"]
+    closed = subprocess.run(["/bin/sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", *words], check=False)
+    assert closed.returncode == 0
+    assert (tmp_path / "link.key3").exists()
