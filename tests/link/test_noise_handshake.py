@@ -9,7 +9,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_rt.link.noise import Initiator, Keys, NoiseError, Responder
+from teleop_rt.link.noise import DH_BYTES, Initiator, Keys, NoiseError, Responder
 
 PSK, PROLOGUE = b"k" * 32, b"teleop-rt test"
 
@@ -100,6 +100,15 @@ def test_each_handshake_gives_keys_that_no_other_has() -> None:
     one, other = shaken()[0], shaken()[0]
     assert one.sending.encrypt(1, b"", b"body") != other.sending.encrypt(1, b"", b"body")
     assert one.sending.encrypt(1, b"", b"body") != one.receiving.encrypt(1, b"", b"body")
+
+
+def test_each_end_takes_a_fresh_ephemeral_key_also_for_what_it_has_answered_before() -> None:
+    """An attacker can make either end alone begin again: its own key must be new each time."""
+    calls = [Initiator(PSK, PROLOGUE, b"") for _ in range(4)]
+    assert len({call.message[:DH_BYTES] for call in calls}) == 4
+    answers = [Responder(PSK, PROLOGUE, calls[0].message).answer(b"") for _ in range(4)]
+    assert len({message[:DH_BYTES] for message, _ in answers}) == 4
+    assert len({keys.sending.encrypt(1, b"", b"body") for _, keys in answers}) == 4
 
 
 def test_a_handshake_gives_its_keys_once() -> None:
