@@ -8,6 +8,8 @@ import pytest
 from teleop_rt.cli import app
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.schemas import schema_named
+from teleop_rt.config_realtime import LateConfig
+from teleop_rt.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -127,3 +129,31 @@ def test_every_key_of_a_file_that_a_page_names_exists_with_or_without_its_unit(p
         if FILE_ENDINGS.isdisjoint(names):
             for name in (section, *names):
                 assert any(f"{key}_".startswith(f"{name}_") for key in keys), path
+
+
+def test_the_bounds_of_a_stall_are_those_that_the_readme_states():
+    """What a reader copies to hardware, and what each rig that ships has."""
+    words = " ".join((ROOT / "README.md").read_text().split())
+    on_hardware = LateConfig()
+    assert (
+        f"These bounds are {on_hardware.hold_ms:g} ms, {on_hardware.stop_ms:g} ms and"
+        f" {on_hardware.stop_share:g} on hardware"
+    ) in words
+    assert "they are 5 ms, 50 ms (45 ms with makers' drives) and 1, below" in words
+    assert "watchdogs of 60 ms (50 ms)" in words
+    bounds = {
+        path.stem.removeprefix("simulated_"): late
+        for path in (ROOT / "config" / "rigs").glob("simulated_*.yaml")
+        if (late := read_yaml(path).data["realtime"]["late"])
+    }
+    of_makers = {rig for rig, late in bounds.items() if late["stop_ms"] == 45}
+    assert {rig.partition("_")[0] for rig in of_makers} == {
+        "damiao", "moteus", "odrive", "robstride", "vesc",
+    }  # fmt: skip
+    assert {(one["hold_ms"], one["stop_ms"], one["stop_share"]) for one in bounds.values()} == {
+        (5, 50, 1), (5, 45, 1),
+    }  # fmt: skip
+    for rig in bounds:
+        text = (ROOT / "config" / "rigs" / f"simulated_{rig}.yaml").read_text()
+        watchdogs = re.findall(r"(?:watchdog|daemon_timeout)_ms: (\d+)", text)
+        assert set(watchdogs) <= {"50" if rig in of_makers else "60"}, rig
