@@ -48,6 +48,11 @@ class AxisConfig(Section):
         return 0.0
 
     @property
+    def force_from_drive(self) -> bool:
+        """Whether the force is the drive's own, which is that of contact under power alone."""
+        return False
+
+    @property
     def sample_rate_hz(self) -> float | None:
         """Declared rate of the slowest of position and force; None where none is declared."""
         return None

@@ -74,6 +74,11 @@ class MixedConfig(AxisConfig):
             return position.paired
         return not (isinstance(position, CanopenPart) and isinstance(force, CanopenPart))
 
+    @property
+    def force_from_drive(self) -> bool:
+        """Whether the force is a motor's torque."""
+        return self.parts[self.giving("force")].force_from_drive
+
     def stamp_deviation_s(self, period_s: float) -> float:
         """Return the standard deviation of the time between a position's stamp and a force's."""
         position, force = (self.parts[self.giving(wanted)] for wanted in ("position", "force"))

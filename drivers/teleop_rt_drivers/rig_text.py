@@ -50,6 +50,7 @@ NO_SENSOR = """\
       force: from drive          # the motor's torque: its friction and mass go into drivetrain
       drivetrain:
         mass_N_s2_per_m: 0       # what the motor moves; `teleop-rt calibrate drivetrain` adds to it
+        torque_lag_ms: 0.5       # half of the time over which the drive averages its torque
 """
 NO_SENSOR_VALUES: dict[tuple[str, ...], float] = {
     ("sensors", "force_noise_N"): 0.4,
@@ -68,6 +69,7 @@ SLOW = {
     ("limits", "stiffness_max_N_per_m"): 4000.0,
     ("sensors", "force_lag_ms"): 27.3,
     ("sensors", "force_lag_deviation_ms"): 0.12,
+    ("sensors", "force_settling_ms"): 50,
 }
 """Keys of a rig with a load cell of 80 samples a second, as in `simulated_load_cell`."""
 LATE = re.compile(r"^realtime:\n  late: .*\n\n", re.MULTILINE)

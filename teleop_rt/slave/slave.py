@@ -38,6 +38,7 @@ _LATE, _RUNS_OUT, _AXIS_FAULT = place("late_ns"), place("runs_out_ns"), place("a
 _POSITION, _LED, _WRITTEN = place("position"), place("led"), place("written")
 _STATE, _FAULT = place("state"), place("fault")
 _HOLD, _KIND = int(faults.HOLD), Kind.STATE
+_HOLDS = frozenset({faults.ARMED, faults.RUN, faults.HOLD})
 
 _COLUMN = columns(SLAVE)
 _SEQUENCE_COLUMN, _TROUBLE_COLUMN = _COLUMN["model_sequence"], _COLUMN["trouble"]
@@ -108,6 +109,7 @@ class Slave:
         self.missed_ticks = 0
         self._stamp_ns = 0
         self._valid = False
+        self._force_from_drive = rig.axis.force_from_drive
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
         self._drive_values = self.supervision.drive.values
@@ -250,7 +252,7 @@ class Slave:
         self.reference.apply(sample)
         self._stamp_ns = self._now_ns()
         self._endpoint.poll()
-        self._valid = sample.valid and self.reference.ready
+        self._valid = sample.valid and self.reference.ready and self._is_of_contact(sample)
         if self._pairing is not None:
             self._estimate_pair(self._pairing)
         elif self._valid:
@@ -260,6 +262,12 @@ class Slave:
         else:
             self._grid.passed()
             self._pipeline.update(sample.position, sample.force, valid=False)
+
+    def _is_of_contact(self, sample: Sample) -> bool:
+        """Return whether the force is that of contact: a drive's own is not once it lets go."""
+        if not self._force_from_drive:
+            return True
+        return sample.enabled and self.safety.state in _HOLDS
 
     def _estimate_pair(self, pairing: Pairing) -> None:
         """Give each new force of a slow sensor to the estimators once, with its own position."""

@@ -20,6 +20,7 @@ from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.rig_text import rig_text
 from teleop_rt_drivers.simulated.reference import environment_force
 
 TRIAL = Path(RIGS).parent / "trials" / "silicone_cube.yaml"
@@ -73,6 +74,25 @@ def test_the_default_trial_finds_the_cube_by_a_load_cell_of_80_samples_a_second(
     assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.5e-3)
     assert summary["safety"]["fault"]["name"] == "none"
     assert summary["safety"]["holds"] == 0
+
+
+@pytest.mark.parametrize("drive", ["odrive", "robstride"])
+def test_the_default_trial_finds_the_cube_by_a_maker_s_motor_alone(drive, tmp_path):
+    """The torque of a drive that has let go is not the force of contact, which lasts on."""
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(rig_text(drive, "unix", "drive", None))
+    noise = ("contact.onset_force_N=2", "contact.release_force_N=1", "operator.felt_force_N=2")
+    options = [f"rig={rig}", "duration_s=6", "seed=1", *noise]
+    trial = load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, options)
+    write_trial(tmp_path, trial)
+    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
+    summary = summarise(tmp_path, trial, outcome, environment_force)
+    k, b = kelvin_voigt(summary)
+    assert k == pytest.approx(3600, rel=0.03)
+    assert b == pytest.approx(20, abs=1.0)
+    assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.2e-3)
+    assert summary["contact"]["onsets"] <= 2
+    assert summary["safety"]["fault"]["name"] == "none"
 
 
 @pytest.mark.parametrize("kind", [*RIGS_RUN, "torque"])

@@ -88,6 +88,11 @@ class ActuatorPart(AxisConfig):
         1000, ge=1, le=60_000, description="Time at start-up in which the drive must have answered."
     )
 
+    @property
+    def force_from_drive(self) -> bool:
+        """Whether the force is the motor's torque."""
+        return self.force is not None
+
     def arrival_deviation_s(self, period_s: float) -> float:
         """Return the standard deviation of an arrival's stamp [s]."""
         return WATCHED_SHARE * period_s

@@ -110,6 +110,11 @@ class CanopenPart(AxisConfig):
         """Return the force sensor, None where there is none."""
         return self.force if isinstance(self.force, ForceConfig) else None
 
+    @property
+    def force_from_drive(self) -> bool:
+        """Whether the force is the motor's torque."""
+        return self.force == FROM_DRIVE
+
     def arrival_deviation_s(self, period_s: float) -> float:  # noqa: ARG002 - as of other parts
         """Return the standard deviation of a value's stamp [s]: one SYNC latches all."""
         return 0.0
