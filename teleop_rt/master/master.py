@@ -185,7 +185,7 @@ class Master:
             self._forget()
         if state == LinkState.ENGAGED and self._coupling is None:
             fresh = self.slave if self._fresh else None
-            self.intake.take(endpoint.model, fresh, self.hand, self._one_way_s)
+            self.intake.take(endpoint.model, fresh, self.hand, self._one_way_s, 1e-9 * now_ns)
             self._relax()
         force = (self._wanted_force() + self._brake()) * self.force_scale
         force *= self.engagement.fade(now_ns)

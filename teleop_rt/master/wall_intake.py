@@ -11,6 +11,7 @@ from teleop_rt.master.passivity import WallLimiter
 from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
+from teleop_rt.master.rhythm import Rhythm
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 
@@ -40,6 +41,7 @@ class WallIntake:
         self._limiter, self._screening, self._effects = limiter, screening, effects
         self._touch, self._phantom = touch, phantom
         self._refuses = refuses
+        self.rhythm = Rhythm()
         self.reset()
 
     def reset(self) -> None:
@@ -54,6 +56,8 @@ class WallIntake:
         self.acknowledged = 0
         self.provisional = False
         self._met, self._free_to = 0, -math.inf
+        self.rhythm.reset()
+        self._pressed = False
 
     def take(
         self,
@@ -61,14 +65,16 @@ class WallIntake:
         state: StateMessage | None,
         hand: float,
         one_way_s: float,
+        now_s: float,
     ) -> None:
         """Take in the newest model and, where one has come in this tick, a state.
 
         `one_way_s` says how old news are when they arrive.
         """
         if model is not None and model is not self.model:
-            self._take_model(model, hand, one_way_s)
+            self._take_model(model, hand, one_way_s, now_s)
         if state is not None:
+            self._pressed = state.in_contact
             self._take_state(state, hand, one_way_s)
 
     def render_anew(self, hand: float, one_way_s: float) -> None:
@@ -76,7 +82,9 @@ class WallIntake:
         if self.model is not None:
             self._take_model(self.model, hand, one_way_s)
 
-    def _take_model(self, model: ModelMessage, hand: float, one_way_s: float) -> None:
+    def _take_model(
+        self, model: ModelMessage, hand: float, one_way_s: float, now_s: float | None = None
+    ) -> None:
         self.model = model
         checked = self._screening.check(model)
         terms = self._effects.terms(model.effects, model.time_s)
@@ -85,11 +93,24 @@ class WallIntake:
         wall = None if checked is None or terms is None else wall_of(checked, terms)
         if wall is None:
             return
-        wall = wall.moved(one_way_s)
+        wall = self._as_it_is(wall, one_way_s, now_s)
         if wall.surface < self._free_to and wall.surface_velocity == 0.0:
             wall = replace(wall, surface=self._free_to)
         if self._adopt(wall, hand):
             self.acknowledged = max(self.acknowledged, model.contact_id)
+
+    def _as_it_is(self, wall: Wall, one_way_s: float, now_s: float | None) -> Wall:
+        """Return a wall whose surface has moved on since it was seen: in its rhythm or straight."""
+        line = wall.moved(one_way_s)
+        if now_s is None:
+            return line
+        felt = self._pressed and wall.surface_velocity != 0.0
+        if self._pressed and not felt:
+            return line
+        now = self.rhythm.follow(now_s, wall.surface, one_way_s, line.surface, felt=felt)
+        if now is None:
+            return line
+        return replace(line, surface=now.surface, surface_velocity=now.velocity)
 
     def _take_state(self, state: StateMessage, hand: float, one_way_s: float) -> None:
         adoption = self._adoption

@@ -284,5 +284,5 @@ def test_a_new_contact_with_a_known_wall_is_acknowledged_once_the_hand_is_in_it(
     assert before > 0
     hand = master.adoption.newest.surface + master.registration.offset + depth
     state = StateMessage(hand, 1.0, before + 1, in_contact=True, following=True)
-    intake.take(None, state, hand, 0.0)
+    intake.take(None, state, hand, 0.0, 0.0)
     assert (intake.acknowledged == before + 1) is known
