@@ -81,7 +81,9 @@ def diagnose(
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
     if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = estimated
-    if not moves_in_steps(recording.position, recording.dt):  # each may leave a lone sample
+    if not moves_in_steps(
+        recording.position, recording.force, recording.dt
+    ):  # each may leave a lone sample
         lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
         outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":

@@ -205,7 +205,8 @@ def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
     position = slave["position"][fresh]
     if position.size < MIN_SAMPLES:
         return []
-    return [STEPS_OF_MOTION] if moves_in_steps(position, trial.rig.period_ns * 1e-9) else []
+    found = moves_in_steps(position, slave["force"][fresh], trial.rig.period_ns * 1e-9)
+    return [STEPS_OF_MOTION] if found else []
 
 
 def _duration_s(slave: Mapping[str, Array]) -> float:

@@ -167,10 +167,11 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     x = lsim(([damping, stiffness], [1.0, damping, stiffness]), stamped, t)[1]
     read = 5e-6 * np.round(x / 5e-6)
     assert position_noise(read, 1e-3) < 2e-5
-    assert moves_in_steps(read, 1e-3)
-    assert not moves_in_steps(5e-6 * np.round(0.008 * np.sin(18.8 * t) / 5e-6), 1e-3)
+    assert moves_in_steps(read, 1000.0 * read, 1e-3)
+    slow = 5e-6 * np.round(0.008 * np.sin(18.8 * t) / 5e-6)
+    assert not moves_in_steps(slow, 1000.0 * slow, 1e-3)
     without_noise = 0.008 * np.sin(50.0 * t) + 0.003 * np.sin(186.0 * t)
-    assert not moves_in_steps(without_noise, 1e-3)
+    assert not moves_in_steps(without_noise, 1000.0 * without_noise, 1e-3)
     smooth = 0.008 * np.sin(18.8 * t) + 1e-6 * np.random.default_rng(1).standard_normal(t.size)
     for path, noted in ((read, True), (smooth, False)):
         recording = from_arrays("a", t, path, np.maximum(1000.0 * path, 0.0))
@@ -180,17 +181,19 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     assert np.std((v - v_true)[100:-100]) < 0.5 * np.std(v_true - savgol_filter(v_true, 41, 3))
 
 
-def followed_in_steps(friction: float, stiffening: float) -> Recording:
+def followed_in_steps(
+    friction: float, stiffening: float, rate_hz: float = 1000.0, jitter_s: float = 0.005
+) -> Recording:
     """Return 8 s of a drive of 100 Hz behind a jittering link, pressed on 3600 N/m and 20 N s/m.
 
     It runs in straight lines from set-point to set-point; force and motion are those of a grid 20
     times finer, and contact does not pull. `friction` [N] and `stiffening` [N/m2] are undeclared.
     """
-    rng, finer = np.random.default_rng(1), 20
-    t = np.arange(0.0, 8.0, 1e-3)
-    late = np.maximum.accumulate(t - 0.005 * rng.uniform(0.0, 1.0, t.size))
-    between = np.arange(t.size * finer) * 1e-3 / finer
-    reference = np.interp(between - 1e-3, t, 0.008 * np.sin(2 * np.pi * 3.0 * late))
+    rng, finer, dt = np.random.default_rng(1), 20, 1.0 / rate_hz
+    t = np.arange(0.0, 8.0, dt)
+    late = np.maximum.accumulate(t - jitter_s * rng.uniform(0.0, 1.0, t.size))
+    between = np.arange(t.size * finer) * dt / finer
+    reference = np.interp(between - dt, t, 0.008 * np.sin(2 * np.pi * 3.0 * late))
     w = 2 * np.pi * 100.0
     x = 0.012 + lsim(([2 * w, w**2], [1.0, 2 * w, w**2]), reference, between)[1]
     v, pressed = np.gradient(x, between), np.maximum(x - 0.0137, 0.0)
@@ -198,6 +201,31 @@ def followed_in_steps(friction: float, stiffening: float) -> Recording:
     force = np.where(pressed > 0.0, np.maximum(contact, 0.0), 0.0) + friction * np.tanh(v / 0.002)
     noise = 0.05 * rng.standard_normal(t.size)
     return from_arrays("steps", t, 5e-6 * np.round(x[::finer] / 5e-6), force[::finer] + noise)
+
+
+def test_at_a_low_rate_steps_look_like_noise_that_the_force_follows() -> None:
+    recording = followed_in_steps(0.0, 0.0, rate_hz=250.0, jitter_s=0.002)
+    read, force, dt = recording.position, recording.force, recording.dt
+    assert half_window(read, dt) > 10, "taken for noise of the encoder"
+    assert moves_in_steps(read, force, dt)
+    answer = diagnose(recording).answer
+    assert answer["verdict"] == "no_missing_effect"
+    assert STEPS_OF_MOTION in answer["notes"]
+    for name, true in (("k", 3600.0), ("b", 20.0)):
+        found = answer["base"]["parameters"][name]
+        assert abs(found["value"] - true) < 3.0 * found["std"]
+        assert found["std"] < 0.05 * true
+
+
+@pytest.mark.parametrize("noise", [2e-5, 1e-3])
+@pytest.mark.parametrize("rate_hz", [50.0, 250.0, 500.0])
+def test_noise_of_the_encoder_is_not_taken_for_steps(rate_hz: float, noise: float) -> None:
+    rng, t = np.random.default_rng(5), np.arange(0.0, 20.0, 1.0 / rate_hz)
+    x = 0.008 * np.sin(2 * np.pi * 1.3 * t)
+    force = np.maximum(3600.0 * x + 20.0 * np.gradient(x, t), 0.0)
+    read = x + noise * rng.standard_normal(t.size)
+    felt = force + 0.05 * rng.standard_normal(t.size)
+    assert not moves_in_steps(5e-6 * np.round(read / 5e-6), felt, 1.0 / rate_hz)
 
 
 @pytest.mark.parametrize(
@@ -208,7 +236,7 @@ def test_behind_a_jittering_link_only_what_is_missing_is_named(
     friction: float, stiffening: float, named: list[str]
 ) -> None:
     recording = followed_in_steps(friction, stiffening)
-    assert moves_in_steps(recording.position, recording.dt)
+    assert moves_in_steps(recording.position, recording.force, recording.dt)
     answer = diagnose(recording).answer
     assert [effect["name"] for effect in answer["effects"]] == named
     assert answer["verdict"] == ("named" if named else "no_missing_effect")

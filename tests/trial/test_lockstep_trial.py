@@ -132,7 +132,7 @@ def test_what_was_measured_at_a_stamp_is_what_the_plant_did_at_that_stamp(defaul
 def test_a_run_behind_a_link_that_jitters_names_the_steps_of_its_motion(default_run):
     folder, summary = default_run
     recording = load_any(folder / RECORDING, Table({}, {}, None))
-    assert moves_in_steps(recording.position, recording.dt)
+    assert moves_in_steps(recording.position, recording.force, recording.dt)
     assert STEPS_OF_MOTION in summary["notes"]
     assert not summary["adequacy"]["inadequate"]
 

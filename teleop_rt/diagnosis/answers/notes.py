@@ -63,7 +63,7 @@ def notes_of(
         )
     if samples in _RESTS_ON:
         found.append(_RESTS_ON[samples])
-    if moves_in_steps(recording.position, recording.dt):
+    if moves_in_steps(recording.position, recording.force, recording.dt):
         found.append(STEPS_OF_MOTION)
     if answer["verdict"] in {"partial", "unexplained"}:
         found.append(

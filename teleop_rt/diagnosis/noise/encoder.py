@@ -66,7 +66,7 @@ def input_errors(
         both = zip(measured, found[number], plain, strict=True)
         found[number] = tuple(row + one - path for row, one, path in both)
     drawn = [replace(motion, x=x, v=v, a=a) for x, v, a in found]
-    if not moves_in_steps(recording.position, recording.dt):
+    if not moves_in_steps(recording.position, recording.force, recording.dt):
         return drawn
     return [_at_another_instant(one, motion, share) for one, share in
             zip(drawn, rng.uniform(-0.5, 0.5, len(drawn)), strict=True)]  # fmt: skip

@@ -25,7 +25,12 @@ from teleop_rt.diagnosis.samples.motion import (
     quantisation_step,
     settling,
 )
-from teleop_rt.diagnosis.samples.smoothing import HALF_WINDOWS_S, half_window, moves_in_steps
+from teleop_rt.diagnosis.samples.smoothing import (
+    HALF_WINDOWS_S,
+    half_window,
+    moves_in_steps,
+    narrowest,
+)
 from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untouched, surface_of
 
 _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impact
@@ -79,8 +84,9 @@ def problem_of(
 
     `within` is how far that may be off [rig unit]; for `fresh` see `pose`.
     """
+    in_steps = moves_in_steps(recording.position, recording.force, recording.dt)
     half = half_window(recording.position, recording.dt, 2 if base.has_mass else 1)
-    in_steps = moves_in_steps(recording.position, recording.dt)
+    half = narrowest(recording.dt) if in_steps else half
     calm = without_lone(recording.force)
     motion = motion_of(recording.position, calm, recording.dt, surface, half)
     motion = replace(motion, scales={**motion.scales, "onset": within})

@@ -26,6 +26,11 @@ _QUIET_SPEED = 0.01  # of the same: a wider window is of no use, no law's form i
 _LONGEST_WINDOW = 1.0 / 16.0  # of a recording: the edges of two windows are given up
 _FLOOR_OCTAVES = 4  # down from half the rate; the quietest of them holds the least movement
 _GROUPS = 80  # of bins, in which powers are compared: about seven an octave
+_FELT_ORDER = 4  # of differences, of which slow motion has none
+_FELT_REACH = 2  # samples between motion and force, of damping, sensors and drives
+_LARGE_FORCE = 0.2  # of the force's 99.9 % quantile
+_FEWEST_FELT = 100  # samples
+_FELT_SHARE = 0.9  # of power; 0.96 to 1 behind links, 0 to 0.03 in measured data, an AFM's 0.6
 _DOUBT = 2.0  # times the noise, below which a spectrum does not show the motion
 
 
@@ -138,15 +143,43 @@ def _response(half: int, dt: float, samples: int, derivative: int) -> NDArray[np
     return np.asarray(found, dtype=np.complex128)
 
 
-def moves_in_steps(position: Vector, dt: float) -> bool:
+def narrowest(dt: float) -> int:
+    """Return half the width [samples] of the narrowest window, which follows steps best."""
+    return max(3, round(_NARROWER_S[-1] / dt))
+
+
+def moves_in_steps(position: Vector, force: Vector, dt: float) -> bool:
     """Return whether the velocity changes in steps between samples, which every window smooths.
 
     A link that jitters or loses packets causes such steps. They are detected if even the narrowest
     window is too wide, and the narrowest usual one loses more than `NOISY_SPEED` of the velocity.
     """
-    narrow, usual = (max(3, round(s / dt)) for s in (_NARROWER_S[-1], HALF_WINDOWS_S[-1]))
-    if not half_window(position, dt) <= narrow < usual:
+    narrow, usual = narrowest(dt), max(3, round(HALF_WINDOWS_S[-1] / dt))
+    if narrow < usual and half_window(position, dt) <= narrow:
+        fast, slow = (differentiate(position, dt, half)[1] for half in (narrow, usual))
+        inner = slice(2 * usual, -2 * usual)  # at the ends a window looks to one side only
+        lost = float(np.std((fast - slow)[inner]))
+        return lost > NOISY_SPEED * float(np.std(slow[inner]))
+    return _noise_is_motion(position, force, dt)
+
+
+def _noise_is_motion(position: Vector, force: Vector, dt: float) -> bool:
+    """Return whether the force follows what looks like noise of the position.
+
+    At a low rate steps look like noise of the encoder, which has no effect on the force. Where the
+    force is large (near a touch it follows nothing), its differences are explained by those of the
+    position about the same sample, by least squares.
+    """
+    speed_noise = position_noise(position, dt) / (np.sqrt(2.0) * dt)
+    if speed_noise < NOISY_SPEED * float(np.std(np.gradient(position, dt))):
         return False
-    fast, slow = (differentiate(position, dt, half)[1] for half in (narrow, usual))
-    inner = slice(2 * usual, -2 * usual)  # at the ends a window looks to one side only
-    return float(np.std((fast - slow)[inner])) > NOISY_SPEED * float(np.std(slow[inner]))
+    moved, felt = (np.diff(row, _FELT_ORDER) for row in (position, force))
+    taps = np.lib.stride_tricks.sliding_window_view(moved, 2 * _FELT_REACH + 1)
+    large = np.abs(force) > _LARGE_FORCE * np.quantile(np.abs(force), 0.999)
+    large = np.lib.stride_tricks.sliding_window_view(large, force.size - taps.shape[0] + 1)
+    rows = np.all(large, axis=1)
+    if np.count_nonzero(rows) < _FEWEST_FELT:
+        return False
+    taps, felt = taps[rows], felt[_FELT_REACH : felt.size - _FELT_REACH][rows]
+    left = felt - taps @ np.linalg.lstsq(taps, felt, rcond=None)[0]
+    return float(np.sum(left**2)) < (1.0 - _FELT_SHARE) * float(np.sum(felt**2))
