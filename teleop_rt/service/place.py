@@ -110,13 +110,14 @@ def _anothers(folder: Path) -> bool:
 
 
 def places(environment: Mapping[str, str] = os.environ) -> list[Place]:
-    """Return the places of all daemons that can be found from here, running or left behind."""
+    """Return the places of all daemons that can be found from here, running or left behind.
+
+    In a folder that a stranger made, daemons could be listed that do not exist.
+    """
     if environment.get(CHOSEN):
         folders = [Path(environment[CHOSEN])]
     else:
-        own = _own_folder(
-            environment
-        )  # another's could name a daemon that is none, or none to stop
+        own = _own_folder(environment)
         folders = [_SERVICE] if _anothers(own) else [_SERVICE, own]
     return [
         Place(folder, link.name.removesuffix(".session"))

@@ -1,4 +1,4 @@
-"""What an attacker gains at the seams: a restart, a revocation, new keys, two masters at once."""
+"""The seams of a session under attack: restart, revocation, new keys, two masters at once."""
 
 from __future__ import annotations
 

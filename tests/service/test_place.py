@@ -154,7 +154,7 @@ ANOTHERS = pytest.param(
 def test_a_folder_that_a_stranger_made_under_our_name_gets_no_daemon_and_no_command(
     session, tmp_path, monkeypatch, trap
 ):
-    """In /tmp anybody can make it first, with sockets of daemons that are none."""
+    """In /tmp anybody can make it first, and list daemons that do not exist."""
     for name in ("TELEOP_RT_RUN_DIR", "RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(place.tempfile, "gettempdir", lambda: str(tmp_path))
