@@ -25,7 +25,7 @@ from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import open_axis_on, parts_of
-from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot
+from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot, check_stamps
 from teleop_rt_drivers.stall_check import check_stalls
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
         findings += _check_limits(part, rig, where)
         findings += check_stalls(part, rig, where)
         findings += check_line_rates(part, rig, where)
-    return findings + check_overshoot(rig, force_cap)
+    return findings + check_stamps(rig) + check_overshoot(rig, force_cap)
 
 
 def check_link(link: LinkConfig) -> list[Finding]:

@@ -40,6 +40,29 @@ def check_line_rates(part: AxisConfig, rig: RigConfig, where: str) -> list[Findi
     return findings
 
 
+STAMPS_WORTH_A_STEP = 0.2
+"""Deviation of the stamps, over the period, from which another adapter is worth a word."""
+
+
+def check_stamps(rig: RigConfig) -> list[Finding]:
+    """State how well the time between position and force is known, and what that is of damping."""
+    period_s = rig.period_ns * 1e-9
+    deviation_s = rig.axis.stamp_deviation_s(period_s)
+    if deviation_s == 0.0:
+        return []
+    unit = f"{rig.units.force} s/{rig.units.position}"
+    what = (
+        f"no SYNC latches position and force: the time between them is known to "
+        f"{1e3 * deviation_s:.2g} ms, damping to {1e3 * deviation_s:.2g} {unit} for each 1000 "
+        f"{rig.units.force}/{rig.units.position} of stiffness"
+    )
+    where = "sensors.force_lag_deviation_ms"
+    if deviation_s <= STAMPS_WORTH_A_STEP * period_s:
+        return [Finding("ok", what, where)]
+    step = "take a CAN adapter with a driver of the kernel (socketcan), which stamps each frame"
+    return [Finding("warning", what, where, step)]
+
+
 def check_overshoot(rig: RigConfig, force_cap: float | None) -> list[Finding]:
     """Compare what a force can rise by, unseen, with the reserve between cap and limit.
 

@@ -9,7 +9,7 @@ import time
 import can
 import numpy as np
 import pytest
-from framed_bench import RIGS, load
+from framed_bench import RIGS, edited, load
 from rig_bench import MS, START_NS, plant_config
 from test_actuators import armed
 
@@ -21,6 +21,7 @@ from teleop_rt_drivers import registry
 from teleop_rt_drivers.framed.can_port import CanEnd
 from teleop_rt_drivers.framed.stream import DescriptorStream, StreamGoneError, keep_arrivals
 from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.slow_check import check_stamps
 
 SILICONE = RIGS.parent / "trials" / "silicone_cube.yaml"
 
@@ -128,6 +129,21 @@ def test_a_bus_that_is_only_read_is_known_to_a_cycle_and_the_interval_says_so():
     assert trial.rig.axis.stamp_deviation_s(1e-3) == pytest.approx(stamps_s)
     whole_s = pipeline_settings(trial).force_lag_deviation_s
     assert whole_s == pytest.approx(math.hypot(stamps_s, 0.1e-3))
+
+
+@pytest.mark.parametrize(
+    ("interface", "severity", "words"),
+    [
+        ("unix", "ok", "0.1 ms, damping to 0.1 N s/m for each 1000 N/m"),
+        ("gs_usb", "warning", "0.31 ms, damping to 0.31 N s/m for each 1000 N/m"),
+    ],
+)
+def test_check_states_how_well_damping_can_be_known(interface, severity, words, tmp_path):
+    change = ("interface: unix", f"interface: {interface}")
+    found = check_stamps(edited("odrive", tmp_path, change))
+    assert [one.severity for one in found] == [severity]
+    assert words in found[0].what
+    assert check_stamps(load("canopen")) == []
 
 
 def test_a_force_that_a_converter_averaged_meets_the_position_averaged_alike():
