@@ -116,6 +116,8 @@ class CanopenNetwork:
             handled = True
             for can_id, data, _ in frames:
                 self._handle(can_id, bytes(data), now_ns)
+            if len(frames) < AT_ONCE:
+                break
         if handled or now_ns != self._timed_ns:  # else they have run at this very instant
             self._run_timers(now_ns)
 
