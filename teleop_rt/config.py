@@ -94,7 +94,7 @@ class Differentiator(Section):
 
 
 class EstimationConfig(Section):
-    """Which estimators run: every model x regression x solver that the page allows."""
+    """The estimators to run: every combination of model, regression and solver that is defined."""
 
     models: tuple[ModelId, ...] = Field(
         ("kelvin-voigt", "mass-spring-damper", "hunt-crossley"),

@@ -48,7 +48,7 @@ def report(
 def _written(
     folders: Sequence[Path], out: Path | None, figures: Path | None, shown: Bar, *, compare: bool
 ) -> Iterator[Path]:
-    """Write the page that is asked for, then the figures; give the path of each."""
+    """Write the requested page, then the figures; yield the path of each."""
     from teleop_rt.cli.reporting import felt_of, rebuilt  # noqa: PLC0415 - loads compilers, drivers
 
     try:

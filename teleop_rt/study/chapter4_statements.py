@@ -70,7 +70,10 @@ def _errors(cases: Sequence[Result], model: str, method: Method) -> dict[str, fl
 def simulation_statements(
     simulated: Sequence[Result], conditions: Sequence[Result], noisy: Result
 ) -> Iterator[Statement]:
-    """Judge section 4.1; see `chapter4.simulate`, `excitation.evaluate`, `noise.hidden_damping`."""
+    """Judge the statements of section 4.1.
+
+    The results are those of `chapter4.simulate`, `excitation.evaluate` and `noise.hidden_damping`.
+    """
     linear = [one for one in simulated if one["model"] == "kelvin-voigt"]
     curved = [one for one in simulated if one["model"] == "hunt-crossley"]
     yield _converges(linear)

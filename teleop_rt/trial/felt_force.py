@@ -79,10 +79,10 @@ def felt_force(
 
 
 def converged(trial: TrialConfig, master: Columns) -> NDArray[np.bool_]:
-    """Return which master rows lie in converged contact, lift-offs in between included.
+    """Return a mask of the master's rows in converged contact, including lift-offs in between.
 
-    That is from one round trip and two seconds after the master first took in a contact; what
-    comes before is the transient of finding and adopting the wall.
+    A contact counts as converged one round trip and two seconds after the master first received
+    it; the transient of finding and adopting the wall is left out.
     """
     stamps = master.get("stamp_ns", np.empty(0))
     onset = np.flatnonzero(master["contact_id"] > 0) if stamps.size else np.empty(0, np.int64)

@@ -39,7 +39,7 @@ STANDARD_BITS, EXTENDED_BITS = 11, 29
 
 @dataclass
 class Count:
-    """Counts of the damaged frames of one drive, by their fate."""
+    """Numbers of damaged frames of one drive: sent, accepted, and rejected by cause."""
 
     drive: str
     frames: int = 0
