@@ -172,10 +172,10 @@ class Answerer:
             for key in keys
         ]
         self._rate_hz, self._rates_hz = rate_hz, rates_hz
-        self._candidates: dict[bytes, Candidate] = {}
+        self.candidates: dict[bytes, Candidate] = {}
         self._strangers = Budget(HANDSHAKES_PER_S, now_ns)
         self._retries = Budget(RETRIES_PER_S, now_ns)
-        self._retried: dict[object, Budget] = {}
+        self.retried: dict[object, Budget] = {}
         self._hosts: dict[object, Budget] = {}
         self._shown: dict[object, Budget] = {}
         self._secrets = [os.urandom(32), os.urandom(32)]
@@ -189,14 +189,14 @@ class Answerer:
 
     def candidate(self, session_id: int) -> Candidate | None:
         """Return the handshake of this session that was granted and not yet confirmed."""
-        for candidate in self._candidates.values():
+        for candidate in self.candidates.values():
             if candidate.session.session_id == session_id:
                 return candidate
         return None
 
     def confirmed(self) -> None:
         """Forget what else was granted: one session alone stands."""
-        self._candidates.clear()
+        self.candidates.clear()
 
     def answer(
         self, header: Header, packet: bytes, sender: Address | None, chain: Session | None,
@@ -216,10 +216,10 @@ class Answerer:
         if not self._welcome_now(packet, address, ephemeral, now_ns):
             host = None if sender is None else sender[0]
             return self._retry(peer, address, host, ephemeral, now_ns)
-        candidate = self._candidates.get(ephemeral)
+        candidate = self.candidates.get(ephemeral)
         if candidate is None:
             candidate = self._grant(peer, packet, sender, chain, now_ns, led=led)
-            self._candidates[ephemeral] = candidate
+            self.candidates[ephemeral] = candidate
         welcome = encode_header(Header(Kind.WELCOME, 0, 0, now_ns, header.stamp_ns))
         welcome += candidate.message
         return welcome + _mac(peer.mac_key, welcome)
@@ -244,14 +244,14 @@ class Answerer:
             if not _take_of(self._shown, address, now_ns):
                 raise MessageError("handshake rate")
             return True
-        known = ephemeral in self._candidates
-        return self._strangers.take(now_ns) and (known or len(self._candidates) < CANDIDATES)
+        known = ephemeral in self.candidates
+        return self._strangers.take(now_ns) and (known or len(self.candidates) < CANDIDATES)
 
     def _retry(
         self, peer: _Peer, address: bytes, host: str | None, ephemeral: bytes, now_ns: int
     ) -> bytes:
         if not (
-            _take_of(self._retried, address, now_ns)
+            _take_of(self.retried, address, now_ns)
             and _take_of(self._hosts, host, now_ns, RETRIES_PER_HOST)
             and self._retries.take(now_ns)
         ):
@@ -285,19 +285,19 @@ class Answerer:
             message, keys = responder.answer(_PAYLOAD.pack(self._rate_hz, continues))
         except NoiseError:
             raise MessageError("authentication") from None
-        if len(self._candidates) >= MOST_CANDIDATES:
-            del self._candidates[next(iter(self._candidates))]
+        if len(self.candidates) >= MOST_CANDIDATES:
+            del self.candidates[next(iter(self.candidates))]
         session = Session.of(keys, peer.key.name, now_ns, rate_hz, continues)
         return Candidate(session, message, peer, now_ns, sender)
 
     def _expire(self, now_ns: int) -> None:
         late = [
             ephemeral
-            for ephemeral, candidate in self._candidates.items()
+            for ephemeral, candidate in self.candidates.items()
             if now_ns - candidate.granted_ns > CANDIDATE_NS
         ]
         for ephemeral in late:
-            del self._candidates[ephemeral]
+            del self.candidates[ephemeral]
         if now_ns - self._secrets_ns > COOKIE_NS:
             self._secrets = [os.urandom(32), self._secrets[0]]
             self._secrets_ns = now_ns

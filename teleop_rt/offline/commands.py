@@ -38,7 +38,7 @@ def replay(
 ) -> None:
     """Run the estimators over recordings, and print the best, or `every` one."""
     work = Replaying(choice, table, trace, effects, several=not names_one(recordings))
-    each(work, recordings, workers, out, partial(_print_replay, every=every), as_json=as_json)
+    each(work, recordings, workers, out, partial(print_replay, every=every), as_json=as_json)
 
 
 def diagnose(
@@ -59,7 +59,7 @@ def diagnose(
     each(work, recordings, workers, out, _print_diagnosis, as_json=as_json)
 
 
-def _print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> None:
+def print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> None:
     """Print the estimators, best first; the best few of many unless `every` one is wanted."""
     text = f"[bold]{escape(answer['recording'])}[/bold]: {answer['samples']} samples"
     console.print(text, soft_wrap=True)

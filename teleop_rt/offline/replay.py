@@ -30,7 +30,7 @@ _FINEST_SHARE = 2.0**-16
 The surface is compared between contacts in units of it; with the resolution of a double every
 contact would count as one with another body, and the estimate would start again.
 """
-_MOST_KEPT = 4_000_000
+MOST_KEPT = 4_000_000
 """Parameter sets of all rows in a trace: of more, one in so many samples is kept."""
 
 
@@ -89,7 +89,7 @@ def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace, st
     deviations then: they are those of a white residual.
     """
     pipeline = Pipeline(online.rows, online.settings)
-    every = 1 + len(online.position) * len(online.rows) // _MOST_KEPT
+    every = 1 + len(online.position) * len(online.rows) // MOST_KEPT
     trace = pipeline.run(online.position, online.force, online.valid, every)
     rows = report_with_delays(pipeline, trace, *online.units)
     selected = pipeline.selected

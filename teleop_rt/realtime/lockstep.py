@@ -20,17 +20,17 @@ class Lockstep:
 
     def __init__(self, clock: SimulatedClock) -> None:
         self._clock = clock
-        self._members: list[_Member] = []
+        self.members: list[_Member] = []
 
     def add(self, period_ns: int, cycle: Callable[[], None]) -> None:
         """Call `cycle` every `period_ns`, first one period from now."""
-        self._members.append(_Member(period_ns, cycle, self._clock.now_ns() + period_ns))
+        self.members.append(_Member(period_ns, cycle, self._clock.now_ns() + period_ns))
 
     def step(self) -> None:
         """Move time to the next deadline and run every cycle due then, once."""
-        due_ns = min(member.next_ns for member in self._members)
+        due_ns = min(member.next_ns for member in self.members)
         self._clock.move_to(due_ns)
-        for member in self._members:
+        for member in self.members:
             if member.next_ns == due_ns:
                 member.cycle()
                 member.next_ns += member.period_ns

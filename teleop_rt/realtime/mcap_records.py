@@ -109,7 +109,7 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
         checksum = zlib.crc32(content, zlib.crc32(head, checksum))
         if opcode == Opcode.CHUNK and _CHUNK.unpack_from(content)[1] >= from_ns:
             indices, checksum = _read_indices(stream, size, checksum)
-            yield from _found(_unpacked(content, decompressor), indices)
+            yield from _found(unpack_chunk(content, decompressor), indices)
         elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
             yield from _walk(head + content)
 
@@ -136,7 +136,7 @@ def ends_whole(stream: IO[bytes]) -> bool:
     return stream.read() == MCAP0_MAGIC
 
 
-def _unpacked(content: bytes, decompressor: zstandard.ZstdDecompressor) -> bytes:
+def unpack_chunk(content: bytes, decompressor: zstandard.ZstdDecompressor) -> bytes:
     """Return the records of a chunk; an error where it cannot be unpacked whole.
 
     A chunk is believed to unpack to what it states only as far as its compression says the same:
@@ -179,14 +179,14 @@ def _unpacked_otherwise(content: bytes) -> bytes:
 
 def _found(data: bytes, indices: list[bytes]) -> Iterator[Other | Messages]:
     """Give the records of a chunk: by its indices if these are complete, else one by one."""
-    places = _indexed(data, indices)
+    places = indexed(data, indices)
     if places is None:
         yield from _walk(data)
     elif places:
         yield Messages(data, places)
 
 
-def _indexed(data: bytes, indices: list[bytes]) -> Places | None:
+def indexed(data: bytes, indices: list[bytes]) -> Places | None:
     """Return where a chunk's messages lie; None if the indices do not cover every byte of it.
 
     What they say is believed only where a message of that channel begins at each place, and where

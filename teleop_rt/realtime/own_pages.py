@@ -7,7 +7,7 @@ import ctypes
 from collections.abc import Iterator
 from pathlib import Path
 
-_MAPS = Path("/proc/self/smaps")
+MAPS = Path("/proc/self/smaps")
 _MADV_POPULATE_WRITE = 23
 
 
@@ -20,7 +20,7 @@ def own_written_pages() -> int:
     owned = 0
     with contextlib.suppress(OSError, AttributeError):
         madvise = ctypes.CDLL(None).madvise
-        for start, end in in_use(_MAPS.read_text(encoding="utf-8")):
+        for start, end in in_use(MAPS.read_text(encoding="utf-8")):
             place, length = ctypes.c_void_p(start), ctypes.c_size_t(end - start)
             if madvise(place, length, _MADV_POPULATE_WRITE) == 0:
                 owned += end - start

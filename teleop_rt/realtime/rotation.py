@@ -61,7 +61,7 @@ class RotatingWriter:
         self._recording = recording
         self._units = units
         self._metadata = metadata
-        self._sizes = sizes
+        self.sizes = sizes
         self._now_s = now_s
         self._tables: dict[str, Sequence[Signal]] = {}
         there = [number_of(path, recording) or 0 for path in parts(recording)]
@@ -97,7 +97,7 @@ class RotatingWriter:
     def flush(self) -> None:
         """Hand over what was written; where the part is full, finish it and begin the next."""
         self._writer.flush()
-        sizes = self._sizes
+        sizes = self.sizes
         full = self.size_bytes >= sizes.part_bytes or self._now_s() - self._since_s >= sizes.part_s
         if full and not self.waiting_bytes:
             self._rotate()
@@ -129,7 +129,7 @@ class RotatingWriter:
         kept, count = before.stat().st_size, 2
         for path in reversed(older):
             kept, count = kept + path.stat().st_size, count + 1
-            too_many = self._sizes.kept_parts is not None and count > self._sizes.kept_parts
-            if kept > self._sizes.kept_bytes or too_many:
+            too_many = self.sizes.kept_parts is not None and count > self.sizes.kept_parts
+            if kept > self.sizes.kept_bytes or too_many:
                 with suppress(OSError):
                     path.unlink()

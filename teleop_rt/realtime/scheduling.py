@@ -26,9 +26,9 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 _RESET_ON_FORK = 0x40000000
 _CAP_IPC_LOCK = 14
-_DMA_LATENCY = "/dev/cpu_dma_latency"
-_STATUS = Path("/proc/self/status")
-_MAPS = Path("/proc/self/smaps")
+DMA_LATENCY = "/dev/cpu_dma_latency"
+STATUS = Path("/proc/self/status")
+MAPS = Path("/proc/self/smaps")
 _MAP_FIELDS = 5
 """Permissions, offset, device, inode and file of a mapping, beside its addresses."""
 _COMPILER = "libllvmlite"
@@ -63,7 +63,7 @@ def prepare_process(
     _touch_linear_algebra()
     give_back_compiler()
     own_written_pages()
-    asked = [_fifo(fifo_priority), _lock_memory(), _timer_slack()]
+    asked = [_fifo(fifo_priority), lock_memory(), _timer_slack()]
     if cpu is not None:
         asked.append(_pin(cpu))
     if awake:
@@ -107,7 +107,7 @@ def give_back_compiler() -> int:
     given = 0
     with contextlib.suppress(OSError, AttributeError):
         madvise = ctypes.CDLL(None).madvise
-        for start, end in unwritten(_MAPS.read_text(encoding="utf-8"), _COMPILER):
+        for start, end in unwritten(MAPS.read_text(encoding="utf-8"), _COMPILER):
             place, length = ctypes.c_void_p(start), ctypes.c_size_t(end - start)
             if madvise(place, length, _MADV_DONTNEED) == 0:
                 given += end - start
@@ -202,15 +202,15 @@ def _stay_awake() -> Privilege:
     rules = EXAMPLES / "udev" / "*.rules"
     how = f"sudo cp {rules} /etc/udev/rules.d, and join the group teleop-rt"
     try:
-        _AWAKE.append(os.open(_DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC))
+        _AWAKE.append(os.open(DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC))
         os.write(_AWAKE[-1], struct.pack("i", 0))
     except OSError as error:
-        reason = f"{_DMA_LATENCY}: {error.strerror}"
+        reason = f"{DMA_LATENCY}: {error.strerror}"
         return Privilege(name, granted=False, reason=reason, how_to_grant=how)
-    return Privilege(name, granted=True, reason=f"0 us in {_DMA_LATENCY}", how_to_grant=how)
+    return Privilege(name, granted=True, reason=f"0 us in {DMA_LATENCY}", how_to_grant=how)
 
 
-def _lock_memory() -> Privilege:
+def lock_memory() -> Privilege:
     """Lock what is mapped, and what will be unless a limit would then refuse it altogether."""
     how = "sudo prlimit --pid $$ --memlock=unlimited, or LimitMEMLOCK=infinity in the service"
     flags, reason = _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT, "every page that is used"
@@ -229,7 +229,7 @@ def _may_lock_without_limit() -> bool:
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     with contextlib.suppress(OSError, IndexError):  # without /proc, as without the capability
-        effective = _STATUS.read_text(encoding="utf-8").partition("CapEff:")[2].split()[0]
+        effective = STATUS.read_text(encoding="utf-8").partition("CapEff:")[2].split()[0]
         return bool(int(effective, 16) >> _CAP_IPC_LOCK & 1)
     return False
 

@@ -135,12 +135,12 @@ class Recorder:
         come to: the rings still hold what it had not brought to the disk.
         """
         self._session = session
-        self._writer = writer
+        self.writer = writer
         self._watchers = watchers or {}
         self._readers: dict[str, RingReader] = {}
         self._refused: dict[str, int] = {}
         before = found(session / RECORDER_STATE) or {"dropped": {}, "recorded": {}}
-        self._dropped_before: dict[str, int] = before["dropped"]
+        self.dropped_before: dict[str, int] = before["dropped"]
         self._recorded: dict[str, int] = before["recorded"]
 
     def discover(self) -> None:
@@ -154,7 +154,7 @@ class Recorder:
             reader = self._readers[topic] = RingReader(path.with_suffix(".ring"))
             reader.go_on_after(self._recorded.get(topic, 0))
             self._refused[topic] = 0
-            self._writer.add_topic(topic, table)
+            self.writer.add_topic(topic, table)
 
     def drain(self) -> int:
         """Write what has come since the last call; returns the number of rows.
@@ -164,10 +164,10 @@ class Recorder:
         written = 0
         for topic, reader in self._readers.items():
             numbers, rows = reader.read_numbered()
-            if self._writer.waiting_bytes > MOST_WAITING_BYTES:
+            if self.writer.waiting_bytes > MOST_WAITING_BYTES:
                 self._refused[topic] += len(rows)
             else:
-                self._writer.write_rows(topic, rows, numbers.tolist())
+                self.writer.write_rows(topic, rows, numbers.tolist())
                 written += len(rows)
             if len(rows) and topic in self._watchers:
                 self._watchers[topic](rows)
@@ -175,26 +175,26 @@ class Recorder:
 
     def flush(self) -> None:
         """Hand what was written to the operating system, so that a crash loses no more."""
-        self._writer.flush()
-        if not self._writer.waiting_bytes:
+        self.writer.flush()
+        if not self.writer.waiting_bytes:
             self._recorded |= {name: reader.last_read for name, reader in self._readers.items()}
 
     @property
     def dropped(self) -> dict[str, int]:
         """Rows lost by topic: the writer was faster than this reader, or the disk refused them."""
         now = {name: reader.dropped + self._refused[name] for name, reader in self._readers.items()}
-        return self._dropped_before | {
-            name: lost + self._dropped_before.get(name, 0) for name, lost in now.items()
+        return self.dropped_before | {
+            name: lost + self.dropped_before.get(name, 0) for name, lost in now.items()
         }
 
     @property
     def alarm(self) -> str:
         """The problem of the recording, as a sentence; empty without one."""
-        if not self._writer.problem:
+        if not self.writer.problem:
             return ""
         return (
-            f"the disk refuses the recording ({self._writer.problem}): make room; "
-            f"{self._writer.waiting_bytes >> 10} KiB wait in memory, then rows are dropped"
+            f"the disk refuses the recording ({self.writer.problem}): make room; "
+            f"{self.writer.waiting_bytes >> 10} KiB wait in memory, then rows are dropped"
         )
 
     def publish_state(self) -> None:
@@ -203,7 +203,7 @@ class Recorder:
             "stamp_ns": time.monotonic_ns(),
             "dropped": self.dropped,
             "alarm": self.alarm,
-            "bytes": self._writer.size_bytes,
+            "bytes": self.writer.size_bytes,
             "recorded": self._recorded,
         }
         leave(self._session / RECORDER_STATE, content)
@@ -212,4 +212,4 @@ class Recorder:
         """Write what is left, and finish the file."""
         self.discover()
         self.drain()
-        self._writer.close()
+        self.writer.close()

@@ -81,14 +81,14 @@ def _print(answer: Mapping[str, Any], *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(answer["status"] if answer["ok"] else answer))
     elif answer["ok"]:
-        _show(answer["status"])
+        show(answer["status"])
     if not answer["ok"]:
         if not as_json:
             print(answer["problem"], file=sys.stderr)
         raise typer.Exit(REFUSED)
 
 
-def _show(status: Mapping[str, Any]) -> None:
+def show(status: Mapping[str, Any]) -> None:
     """Print the status; that of a daemon of another version may hold less than is shown here."""
     try:
         shown = list(lines(status))

@@ -30,37 +30,37 @@ class ConfigCheck:
         """Start the check; `description` is the daemon's own (file and overrides)."""
         changes = [part for change in description["overrides"] for part in ("--set", change)]
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - read in `problem`
-        self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
+        self.process = subprocess.Popen(  # noqa: S603 - our own interpreter and arguments
             [sys.executable, "-m", "teleop_rt", "check", description["trial_file"], *changes],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
         )
-        resource.prlimit(self._process.pid, resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
-        resource.prlimit(self._process.pid, resource.RLIMIT_CPU, (CPU_S, CPU_S))
+        resource.prlimit(self.process.pid, resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
+        resource.prlimit(self.process.pid, resource.RLIMIT_CPU, (CPU_S, CPU_S))
         with contextlib.suppress(OSError):  # of a unit without memory left the loop is to stay
-            Path(f"/proc/{self._process.pid}/oom_score_adj").write_text(ENDED_FIRST)
+            Path(f"/proc/{self.process.pid}/oom_score_adj").write_text(ENDED_FIRST)
         self._until_s = time.monotonic() + LONGEST_S
 
     @property
     def running(self) -> bool:
         """Whether it still works; one that takes too long is ended."""
-        if self._process.poll() is not None:
+        if self.process.poll() is not None:
             return False
         if time.monotonic() > self._until_s:
-            self._process.kill()
-            self._process.wait()
-        return self._process.poll() is None
+            self.process.kill()
+            self.process.wait()
+        return self.process.poll() is None
 
     def end(self) -> None:
         """End it at once, and forget what it has said."""
-        self._process.kill()
-        self._process.wait()
+        self.process.kill()
+        self.process.wait()
         self._output.close()
 
     def problem(self) -> str:
         """Return what is wrong with the config, once the check has ended; empty for nothing."""
-        code = self._process.wait()
+        code = self.process.wait()
         self._output.seek(0)
         said = self._output.read(LONGEST_ANSWER).decode(errors="replace").strip()
         if code < 0:

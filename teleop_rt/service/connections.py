@@ -59,11 +59,11 @@ class Connections:
         self._selector = selectors.DefaultSelector()
         listening.settimeout(0.0)
         self._selector.register(listening, selectors.EVENT_READ, None)
-        self._clients: dict[socket.socket, _Client] = {}
+        self.clients: dict[socket.socket, _Client] = {}
 
     def serve_once(self, timeout_s: float) -> None:
         """Take in what comes, go on with what is being answered, drop clients that stay silent."""
-        waiting = any(client.answering for client in self._clients.values())
+        waiting = any(client.answering for client in self.clients.values())
         for key, _ in self._selector.select(POLL_S if waiting else timeout_s):
             peer: Any = key.fileobj
             if key.data is None:
@@ -72,7 +72,7 @@ class Connections:
                 self._take(peer)
         self._answer()
         late_s = time.monotonic() - _CLIENT_TIMEOUT_S
-        for peer, client in list(self._clients.items()):
+        for peer, client in list(self.clients.items()):
             if client.answering is None and client.since_s < late_s:
                 self._drop(peer)
 
@@ -84,21 +84,21 @@ class Connections:
                 return
             peer.settimeout(0.0)
             self._selector.register(peer, selectors.EVENT_READ, "client")
-            self._clients[peer] = _Client(time.monotonic(), _process_of(peer))
+            self.clients[peer] = _Client(time.monotonic(), _process_of(peer))
             self._take(peer)
-            if len(self._clients) > MOST_CLIENTS:
+            if len(self.clients) > MOST_CLIENTS:
                 self._drop(self._one_too_many())
 
     def _one_too_many(self) -> socket.socket:
         """Return the longest silent client of the process with the most: a flood drops its own."""
-        count = Counter(client.process for client in self._clients.values())
+        count = Counter(client.process for client in self.clients.values())
         (process, _), *_ = count.most_common(1)
-        of_it = [peer for peer, client in self._clients.items() if client.process == process]
-        silent = (peer for peer in of_it if self._clients[peer].answering is None)
+        of_it = [peer for peer, client in self.clients.items() if client.process == process]
+        silent = (peer for peer in of_it if self.clients[peer].answering is None)
         return next(silent, of_it[0])
 
     def _take(self, peer: socket.socket) -> None:
-        client = self._clients.get(peer)
+        client = self.clients.get(peer)
         if client is None:
             return
         try:
@@ -122,7 +122,7 @@ class Connections:
     def _answer(self) -> None:
         """Go on with every answer, for a while; those not reached come first next time."""
         until_s = time.monotonic() + _TURN_S
-        for peer, client in list(self._clients.items()):
+        for peer, client in list(self.clients.items()):
             if client.answering is None:
                 continue
             self._go_on(peer, client)
@@ -138,10 +138,10 @@ class Connections:
                 peer.sendall(json.dumps(done.value).encode() + b"\n")
             self._drop(peer)
             return
-        self._clients[peer] = self._clients.pop(peer)  # to the end of the turn
+        self.clients[peer] = self.clients.pop(peer)  # to the end of the turn
 
     def _drop(self, peer: socket.socket) -> None:
-        client = self._clients.pop(peer)
+        client = self.clients.pop(peer)
         if client.answering is not None:
             client.answering.close()
         self._selector.unregister(peer)

@@ -35,10 +35,10 @@ class Daemon:
         """Make the session's mailbox; `arm_at_once` arms and starts as soon as a sample came."""
         self._slave = slave
         self._session = session
-        self._notifier = notifier
+        self.notifier = notifier
         self._histograms = histograms
         self._box = CommandBox(session, create=True)
-        self._arm_at_once = arm_at_once
+        self.arm_at_once = arm_at_once
         self._leave_for = Command.NONE
         self._left = slave.stopped
 
@@ -71,10 +71,10 @@ class Daemon:
         while not leave():
             run_loop(new_clock(), self.cycle, leave)
             if self._leave_for is Command.RESET:
-                self._notifier.standing(reloading=False)
+                self.notifier.standing(reloading=False)
                 self._box.answer(self._reset())
                 self._leave_for = Command.NONE
-                self._notifier.going()
+                self.notifier.going()
 
     def cycle(self, skipped: int, wake_latency_ns: int) -> None:
         """Run one tick, execute a pending command, and feed the watchdog; stop comes first."""
@@ -83,12 +83,12 @@ class Daemon:
         self._slave.cycle(skipped, wake_latency_ns)
         self._note_fault()
         self._histograms.add(wake_latency_ns * 1e-3, self._slave.work_us)
-        if self._arm_at_once:
-            self._arm_at_once = not self._slave.arm()
+        if self.arm_at_once:
+            self.arm_at_once = not self._slave.arm()
         command = self._box.poll()
         if command is not Command.NONE:
             self._obey(command)
-        self._notifier.tick()
+        self.notifier.tick()
 
     def _note_fault(self) -> None:
         """Leave a new fault for status and log; nothing moves any more by then."""
@@ -101,7 +101,7 @@ class Daemon:
             leave(self._session / LAST_FAULT, last)
 
     def _stop(self) -> None:
-        self._arm_at_once = False
+        self.arm_at_once = False
         self._slave.disarm()
         self._box.stopped()
 

@@ -62,7 +62,7 @@ def read_status(session: Path) -> dict[str, Any]:
             *_silence(recorder),
             *of_recorder(recorder),
             *of_helper("command server", commands),
-            *_unwatched(session),
+            *unwatched(session),
         ],
     }
 
@@ -90,7 +90,7 @@ def _of_reload(refusal: str | None) -> Iterator[str]:
         )
 
 
-def _unwatched(session: Path) -> Iterator[str]:
+def unwatched(session: Path) -> Iterator[str]:
     """Return alarms about killed keepers: the loop restarts nothing."""
     helpers = {
         "recorder": ("records no more", "records on, but no recorder follows one that ends"),

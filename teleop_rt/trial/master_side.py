@@ -68,14 +68,14 @@ class MasterSide:
     ) -> None:
         self.period_ns = round(1e9 / trial.master.rate_hz)
         self.endpoint = endpoint
-        self._operator = operator
+        self.operator = operator
         device = trial.operator if isinstance(trial.operator, DeviceConfig) else None
         rig = trial.rig if device is None else device.rig
         self.late = Lateness(rig.realtime.late, self.period_ns)
         self.on_hardware = Lateness(ON_HARDWARE, self.period_ns)
         self.ring = publish(session, MASTER_TOPIC, MASTER)
         self.missed_ticks = 0
-        self._master = Master(
+        self.master = Master(
             trial.master,
             trial.rig.limits,
             self.period_ns,
@@ -91,14 +91,14 @@ class MasterSide:
         """Run one tick and record it."""
         self.missed_ticks += skipped
         late = self._judge(late_ns(skipped, wake_latency_ns, self.period_ns))
-        self._master.cycle(skipped, stalled=late is not IN_TIME)
-        self.ring.copy(self._master.row)
+        self.master.cycle(skipped, stalled=late is not IN_TIME)
+        self.ring.copy(self.master.row)
 
     def _judge(self, late_ns: int) -> Late:
         """Judge how late a tick began, while a device pushes back; one that must stop is let go."""
-        operator = self._operator
+        operator = self.operator
         device = operator if isinstance(operator, DeviceOperator) else None
-        felt = self._master.engagement.coupled if device is None else device.powered
+        felt = self.master.engagement.coupled if device is None else device.powered
         if not felt:
             return IN_TIME
         if not self.on_hardware.stopped:
@@ -114,13 +114,13 @@ class MasterSide:
             "link": link_outcome(self.endpoint),
             "missed_ticks": self.missed_ticks,
             "late": both(self.late, self.on_hardware),
-            "rendering": outcome(self._master),
+            "rendering": outcome(self.master),
         }
 
     def let_go(self) -> None:
         """Stop and release the operator's device, if there is a real one."""
-        if isinstance(self._operator, DeviceOperator):
-            self._operator.close()
+        if isinstance(self.operator, DeviceOperator):
+            self.operator.close()
 
     def close(self) -> None:
         """Release the device, close the ring for its readers, and close the link."""

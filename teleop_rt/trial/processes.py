@@ -22,7 +22,7 @@ from teleop_rt.service.keeper import in_words, keep
 from teleop_rt.trial.forked import Forked
 
 _READY_TIMEOUT_S = 300.0
-_END_TIMEOUT_S = 10.0
+END_TIMEOUT_S = 10.0
 _POLL_S = 0.2
 _KEEPER = "teleop_rt.service.keeper"
 _RECORDER = "teleop_rt.trial.recorder_main"
@@ -149,7 +149,7 @@ class Supervisor:
     def _judge_end(self, child: Child) -> None:
         """Accept the end of the process that decides how long a trial lasts, and of no other."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            child.process.wait(_END_TIMEOUT_S)
+            child.process.wait(END_TIMEOUT_S)
         code = child.process.poll()
         if child.name == self._leader and "done" in child.events and code == 0:
             return
@@ -183,7 +183,7 @@ class Supervisor:
         if child.process.poll() is None:
             child.process.send_signal(signal.SIGTERM)
         try:
-            child.process.wait(_END_TIMEOUT_S)
+            child.process.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             child.process.kill()
             child.process.wait()

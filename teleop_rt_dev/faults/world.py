@@ -58,7 +58,7 @@ class FaultWorld:
         self.session = session
         self.trial = load_trial_file(SILICONE, changes)
         self.world = LockstepTrial(self.trial, SILICONE.parent, self._open, session)
-        self.slave, self.master = self.world.slave, self.world.master._master
+        self.slave, self.master = self.world.slave, self.world.master.master
         self.closing = contextlib.ExitStack()
         self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.manager.bind(str(session / "notify"))
@@ -151,21 +151,21 @@ class FaultWorld:
     def lead_to(self, phase: Phase) -> FaultWorld:
         """Configure, arm and go on until the phase."""
         self.slave.configure()
-        self._reach(lambda: self.state is State.DISARMED)
+        self.reach(lambda: self.state is State.DISARMED)
         assert self.slave.arm()
         if phase == "arming":
             self.until(lambda: True)
             assert self.state is State.ARMED
             return self._from_here()
-        self._reach(lambda: self.state is State.RUN and self.rig.plant.position > 0.002)
+        self.reach(lambda: self.state is State.RUN and self.rig.plant.position > 0.002)
         if phase == "approach":
             return self._from_here()
-        self._reach(lambda: self.in_contact and self.rig.plant.force > 20)
+        self.reach(lambda: self.in_contact and self.rig.plant.force > 20)
         if phase == "release":
-            self._reach(lambda: not self.in_contact)
+            self.reach(lambda: not self.in_contact)
         return self._from_here()
 
-    def _reach(self, done: Any) -> None:
+    def reach(self, done: Any) -> None:
         assert self.until(done) > 0, f"never got there: {self.state.name}, {self.fault}"
 
     def _from_here(self) -> FaultWorld:

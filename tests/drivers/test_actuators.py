@@ -303,7 +303,7 @@ def test_a_second_master_is_found(kind):
     cycle(bench)
     wire.transmit = transmit
     cycle(bench)
-    bench.ends.bus_pair("drive")[0]._queue.append(sent[-1])
+    bench.ends.bus_pair("drive")[0].deliver(sent[-1])
     assert cycle(bench).fault is AxisFault.FOREIGN_MASTER
 
 
@@ -324,7 +324,7 @@ def attack(bench, bounds, rng) -> int:
     cycle(bench)
     last, stamp, compared = bench.sample.position, bench.sample.position_stamp_ns, 0
     for _ in range(200):
-        daemon_end._queue.append(mutated(rng.choice(seen[:20]), rng))
+        deliver(mutated(rng.choice(seen[:20]), rng))
         sample = cycle(bench)
         if sample.position_stamp_ns > stamp:
             elapsed_s = (sample.position_stamp_ns - stamp) * 1e-9

@@ -188,8 +188,7 @@ def test_bus_off_and_a_foreign_commander_are_faults_of_raw_can():
     bench.simulated.inject("bus_off")
     assert bench.cycle().fault is AxisFault.BUS_OFF
     bench = FramedBench(load("raw_can")).armed()
-    device_end = bench.ends.bus_pair("")[1]
-    device_end._other._queue.append(
+    bench.ends.bus_pair("")[0].deliver(
         can.Message(arbitration_id=0x103, is_extended_id=False, data=bytes(8))
     )
     assert bench.cycle().fault is AxisFault.FOREIGN_MASTER

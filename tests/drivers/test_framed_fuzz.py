@@ -21,7 +21,7 @@ def attack_lines(bench: FramedBench, data: bytes, line: str) -> None:
 
 
 def attack_bus(bench: FramedBench, frame_id: int, data: bytes) -> None:
-    bench.ends.bus_pair("")[0]._queue.append(
+    bench.ends.bus_pair("")[0].deliver(
         can.Message(arbitration_id=frame_id, is_extended_id=False, data=data[:8])
     )
 

@@ -110,9 +110,9 @@ def test_homing_goes_on_from_rest_after_a_stall(tmp_path):
     world = FaultWorld(tmp_path, "unreferenced", 1, *HARDWARE, *UNKNOWN_ZEROS, slowly)
     with closing(world):
         world.slave.configure()
-        world._reach(lambda: world.state is State.DISARMED and world.slave.reference.tared)
+        world.reach(lambda: world.state is State.DISARMED and world.slave.reference.tared)
         assert world.slave.arm()
-        world._reach(lambda: world.slave.sample.enabled)
+        world.reach(lambda: world.slave.sample.enabled)
         world.until(lambda: False, 100)  # it seeks its switch at full speed
         commands = Commands(world)
         world.until(lambda: False, 5)

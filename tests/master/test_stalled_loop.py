@@ -18,8 +18,8 @@ class World:
         trial = load_trial_file(HANDLE, [HARDWARE, "link.round_trip_ms=20", *changes])
         self.run = LockstepTrial(trial, HANDLE.parent, open_bench, session)
         self.side = self.run.master
-        self.master = self.side._master
-        self.device = self.side._operator
+        self.master = self.side.master
+        self.device = self.side.operator
         self.limits = trial.master
         self.run.slave.configure()
 

@@ -76,7 +76,7 @@ def test_the_trace_of_a_long_recording_is_thinned_and_the_estimate_is_the_same(m
     _, position, force = pressed()
     recorded = online(position, force)
     (whole,), _, trace, _ = run_estimators(recorded)
-    monkeypatch.setattr(replay, "_MOST_KEPT", 1_000)
+    monkeypatch.setattr(replay, "MOST_KEPT", 1_000)
     (row,), _, thinned, _ = run_estimators(recorded)
     assert len(trace.theta) == SAMPLES
     assert 500 < len(thinned.theta) <= 1_000

@@ -12,7 +12,7 @@ from rich.console import Console
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.offline.commands import _print_replay
+from teleop_rt.offline.commands import print_replay
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay
 from teleop_rt.offline.table import Table
@@ -87,5 +87,5 @@ def test_the_name_of_a_file_is_printed_as_it_is():
     printed = Console(file=StringIO(), width=200)
     answer = {"recording": "a[/bold]x[red].csv", "samples": 1, "estimators": []}
     answer |= {"selected": None, "notes": []}
-    _print_replay(printed, answer, every=False)
+    print_replay(printed, answer, every=False)
     assert "a[/bold]x[red].csv: 1 samples" in printed.file.getvalue()

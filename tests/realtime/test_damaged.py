@@ -131,7 +131,7 @@ def test_rows_are_the_same_with_and_without_an_index(tmp_path, monkeypatch):
     def walk(data, indices):
         walked.append(len(indices))
 
-    monkeypatch.setattr(mcap_records, "_indexed", walk)
+    monkeypatch.setattr(mcap_records, "indexed", walk)
     one_by_one = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]
     assert len(walked) > 3
     assert all(walked)

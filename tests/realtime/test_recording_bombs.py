@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.mcap_records import _unpacked
+from teleop_rt.realtime.mcap_records import unpack_chunk
 from teleop_rt.realtime.recording import RecordingWriter, read_topics
 from teleop_rt.recording_memory import VARIABLE, most_bytes
 from teleop_rt.section import Units
@@ -151,7 +151,7 @@ def test_chunks_of_any_packing_are_read(tmp_path, compression):
     data = bytes(range(256)) * 4
     pack = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[compression]
     record = chunk(compression.encode(), pack(data), len(data))
-    assert _unpacked(record[9:], zstandard.ZstdDecompressor()) == data
+    assert unpack_chunk(record[9:], zstandard.ZstdDecompressor()) == data
 
 
 def test_rows_that_do_not_fit_are_refused_and_thinned_ones_are_read(tmp_path, monkeypatch):

@@ -71,7 +71,7 @@ def test_a_part_that_is_large_or_old_is_followed_by_the_next_and_all_are_read_as
     for path in parts(session.recording)[:-1]:
         assert 4000 <= path.stat().st_size < 8000
         assert read_metadata(path, "made-by") == {"rig": "bench"}
-    session.sizes = session.recorder._writer._sizes = Sizes(10**9, 60.0, 10**9)
+    session.sizes = session.recorder.writer.sizes = Sizes(10**9, 60.0, 10**9)
     session.turn()
     assert len(parts(session.recording)) == by_size
     session.clock.now += 60
@@ -104,12 +104,12 @@ def test_the_oldest_parts_make_room_but_never_the_last_two(tmp_path):
     assert not session.recording.exists()
     forces = session.forces()
     assert forces == list(range(3000 - len(forces), 3000))
-    session.recorder._writer._sizes = Sizes(4000, 1e9, 1, kept_parts=2)
+    session.recorder.writer.sizes = Sizes(4000, 1e9, 1, kept_parts=2)
     before = session.pushed
     session.record(1000)
     assert len(parts(session.recording)) == 2
     assert session.forces()[-1] == before + 999
-    session.recorder._writer._sizes = Sizes(4000, 1e9, 10**9, kept_parts=3)
+    session.recorder.writer.sizes = Sizes(4000, 1e9, 10**9, kept_parts=3)
     session.record(1000)
     assert len(parts(session.recording)) == 3
 
@@ -170,7 +170,7 @@ def rows_of_the_first_part(path) -> int:
 def test_what_was_overrun_while_no_recorder_ran_is_counted_on(tmp_path):
     session = Session(tmp_path)
     session.record(100)
-    session.recorder._dropped_before = {"/slave": 7, "/gone": 1}
+    session.recorder.dropped_before = {"/slave": 7, "/gone": 1}
     session.turn()
     session.push(10_000)
     session.recorder = session.new_recorder()

@@ -24,7 +24,7 @@ from teleop_rt.trial.processes import Supervisor
 def asked(monkeypatch):
     """Ask without changing this process; returns what was asked by name."""
     locked = scheduling.Privilege("mlockall", granted=True, reason="", how_to_grant="")
-    monkeypatch.setattr(scheduling, "_lock_memory", lambda: locked)
+    monkeypatch.setattr(scheduling, "lock_memory", lambda: locked)
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
     for name in ("freeze", "disable", "collect"):
         monkeypatch.setattr(gc, name, lambda: None)
@@ -93,7 +93,7 @@ def test_pinning_and_waking_do_what_they_say(tmp_path):
     latency.touch()
     script = (
         "import os, gc, sys; from teleop_rt.realtime import scheduling as s\n"
-        f"s._DMA_LATENCY = {str(latency)!r}\n"
+        f"s.DMA_LATENCY = {str(latency)!r}\n"
         f"asked = {{p.name: p.granted for p in s.prepare_process(60, {core}, awake=True)}}\n"
         f"print(os.sched_getaffinity(0) == {{{core}}} and asked['core {core} alone'],\n"
         "      asked['no deep sleep'], gc.isenabled(), gc.get_freeze_count() > 0)\n"
@@ -110,7 +110,7 @@ def test_a_process_that_goes_on_after_its_loop_has_all_given_back(tmp_path):
     latency.touch()
     script = (
         "import os, gc, json; from pathlib import Path; from teleop_rt.realtime import scheduling\n"
-        f"scheduling._DMA_LATENCY = {str(latency)!r}\n"
+        f"scheduling.DMA_LATENCY = {str(latency)!r}\n"
         "def now():\n"
         "    locked = Path('/proc/self/status').read_text().partition('VmLck:')[2].split()[0]\n"
         "    open_files = len(os.listdir('/proc/self/fd'))\n"
@@ -138,7 +138,7 @@ def test_a_process_that_goes_on_after_its_loop_has_all_given_back(tmp_path):
 
 
 def test_a_latency_file_that_may_not_be_opened_is_reported(asked, monkeypatch, tmp_path):
-    monkeypatch.setattr(scheduling, "_DMA_LATENCY", str(tmp_path / "none"))
+    monkeypatch.setattr(scheduling, "DMA_LATENCY", str(tmp_path / "none"))
     result = asked(awake=True)["no deep sleep"].describe()
     assert "none: No such file or directory" in result
     assert "/udev/*.rules /etc/udev/rules.d" in result
@@ -161,10 +161,10 @@ def test_a_limit_of_locked_memory_never_refuses_memory_to_a_loop_that_runs(
         (tmp_path / "status").write_text(result)
     asked = []
     libc = SimpleNamespace(mlockall=lambda flags: asked.append(flags) or 0)
-    monkeypatch.setattr(scheduling, "_STATUS", tmp_path / "status")
+    monkeypatch.setattr(scheduling, "STATUS", tmp_path / "status")
     monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
     monkeypatch.setattr(scheduling.ctypes, "CDLL", lambda *_, **__: libc)
-    result = scheduling._lock_memory().describe()
+    result = scheduling.lock_memory().describe()
     assert result.startswith("mlockall: granted (")
     assert bool(asked[0] & scheduling._MCL_FUTURE) is later
     assert ("what is mapped now" in result) is not later
@@ -341,7 +341,7 @@ Rss:                  16 kB
 
 
 def test_a_system_that_does_not_report_its_mappings_copies_nothing(monkeypatch, tmp_path):
-    monkeypatch.setattr(own_pages, "_MAPS", tmp_path / "smaps")
+    monkeypatch.setattr(own_pages, "MAPS", tmp_path / "smaps")
     assert own_pages.own_written_pages() == 0
 
 
@@ -365,5 +365,5 @@ def test_the_compiler_leaves_memory_and_still_compiles():
 
 
 def test_a_system_that_does_not_report_its_mappings_keeps_the_compiler(monkeypatch, tmp_path):
-    monkeypatch.setattr(scheduling, "_MAPS", tmp_path / "smaps")
+    monkeypatch.setattr(scheduling, "MAPS", tmp_path / "smaps")
     assert scheduling.give_back_compiler() == 0

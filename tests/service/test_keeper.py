@@ -13,7 +13,7 @@ from teleop_rt.realtime.leftovers import began
 from teleop_rt.realtime.session import RING_ROWS
 from teleop_rt.realtime.state_file import leave
 from teleop_rt.service.keeper import PAUSES_S, Restarts, watched
-from teleop_rt.service.status import _unwatched
+from teleop_rt.service.status import unwatched
 
 HIGHEST_RATE_HZ = 4000
 
@@ -143,22 +143,22 @@ def test_a_keeper_that_is_killed_is_reported_and_whether_its_helper_goes_on(kept
     assert one.event() == {"event": "ready"}
     (helper,) = one.helpers(1)
     assert watched(one.session, "recorder")
-    assert list(_unwatched(one.session)) == []
+    assert list(unwatched(one.session)) == []
     killed(one.process.pid)
     assert not watched(one.session, "recorder")
-    (alarm,) = _unwatched(one.session)
+    (alarm,) = unwatched(one.session)
     assert "keeper of the recorder was killed: the daemon records on, but" in alarm
     os.kill(helper, signal.SIGKILL)
     while began(helper) is not None:  # it is another process's child now
         time.sleep(0.005)
-    (alarm,) = _unwatched(one.session)
+    (alarm,) = unwatched(one.session)
     assert "keeper of the recorder was killed: the daemon records no more" in alarm
 
 
 def test_a_keeper_that_the_kernel_did_not_let_name_itself_is_not_reported_as_killed(tmp_path):
     Restarts("commands", tmp_path)  # as by this process, which has another name
     assert watched(tmp_path, "commands")
-    assert list(_unwatched(tmp_path)) == []
+    assert list(unwatched(tmp_path)) == []
 
 
 def test_another_process_with_the_keepers_number_is_none(tmp_path):

@@ -70,7 +70,7 @@ def test_devices_that_are_configured_again_in_a_reset_are_waited_for(manager, tm
     assert world.ask("reset")["ok"]
     result = [message for message in heard(manager) if message != b"WATCHDOG=1"]
     assert result == [b"WATCHDOG_USEC=300000000", b"WATCHDOG_USEC=2000000", b"READY=1"]
-    world.daemon._notifier.close()
+    world.daemon.notifier.close()
 
 
 def test_a_loop_that_hangs_is_not_fed_for(manager, tmp_path):
@@ -81,7 +81,7 @@ def test_a_loop_that_hangs_is_not_fed_for(manager, tmp_path):
         world.step_others()
         world.server.answer(b'{"command": "status"}')
     assert heard(manager) == []
-    world.daemon._notifier.close()
+    world.daemon.notifier.close()
 
 
 @pytest.mark.parametrize("change", [{"WATCHDOG_PID": str(os.getpid() + 1)}, {"WATCHDOG_USEC": "0"}])

@@ -8,7 +8,7 @@ import pytest
 
 from teleop_rt.service import client, place
 from teleop_rt.service.client import DaemonError, find, request, request_reload
-from teleop_rt.service.commands import _show
+from teleop_rt.service.commands import show
 from teleop_rt.service.local_socket import bind
 from teleop_rt.service.place import (
     BusyError,
@@ -200,7 +200,7 @@ def test_a_read_only_disk_is_reported_with_the_next_step(session, run_dir, monke
 def test_a_daemon_of_another_version_is_reported_by_both_versions(session, capsys):
     old = {"rig": "r", "state": "RUN", "trial": "t", "pid": 1, "version": "0.0.1"}
     with pytest.raises(DaemonError, match=r"the daemon is teleop-rt 0\.0\.1 and this is .*--json"):
-        _show(old)
+        show(old)
     assert capsys.readouterr().out == ""
 
 

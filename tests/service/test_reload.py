@@ -54,7 +54,7 @@ class Rounds:
         return registry.open_lock_step(rig, trial.plant, now_ns, trial.seed)[0]
 
     def loop(self, daemon):
-        self.armed.append(daemon._arm_at_once)
+        self.armed.append(daemon.arm_at_once)
         end = self.loops.pop(0)
         if isinstance(end, Exception):
             raise end

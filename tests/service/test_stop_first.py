@@ -126,7 +126,7 @@ class Session:
     def end(self, clients: list[socket.socket]) -> None:
         for one in clients:
             one.close()
-        while self.connections._clients:
+        while self.connections.clients:
             self.connections.serve_once(0.0)
         self.listening.close()
 
@@ -178,7 +178,7 @@ def test_more_clients_than_there_is_room_for_drop_the_longest_silent_one(tmp_pat
     for _ in range(260):
         clients.append(session.client())
         session.connections.serve_once(0.0)
-    assert len(session.connections._clients) <= 200
+    assert len(session.connections.clients) <= 200
     clients.append(session.client(b"stop\n"))
     session.connections.serve_once(0.0)
     session.connections.serve_once(0.0)
@@ -203,7 +203,7 @@ def test_a_process_that_takes_every_place_takes_none_of_another_process(tmp_path
     session.connections.serve_once(0.0)
     words = [sys.executable, "-c", CROWD, str(session.place)]
     with subprocess.Popen(words, stdin=subprocess.PIPE) as crowd:
-        while len(session.connections._clients) < MOST_CLIENTS:
+        while len(session.connections.clients) < MOST_CLIENTS:
             session.connections.serve_once(0.01)
         for _ in range(100):
             session.connections.serve_once(0.001)
@@ -211,7 +211,7 @@ def test_a_process_that_takes_every_place_takes_none_of_another_process(tmp_path
         session.connections.serve_once(0.0)
         assert session.asked == [b"stop"]
         assert first.recv(100) == b'{"asked": "stop"}\n'
-        assert len(session.connections._clients) <= MOST_CLIENTS
+        assert len(session.connections.clients) <= MOST_CLIENTS
         assert crowd.stdin is not None
         crowd.stdin.close()
     session.end([first])
@@ -220,7 +220,7 @@ def test_a_process_that_takes_every_place_takes_none_of_another_process(tmp_path
 def test_a_check_that_hangs_is_ended_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(config_check, "LONGEST_S", 1.0)
     check = ConfigCheck({"trial_file": str(tmp_path / "trial.yaml"), "overrides": []})
-    os.kill(check._process.pid, signal.SIGSTOP)
+    os.kill(check.process.pid, signal.SIGSTOP)
     while check.running:
         os.sched_yield()
     assert "more than 1 s" in check.problem()
@@ -231,7 +231,7 @@ def test_a_check_has_bounds_of_time_and_memory_and_is_what_ends_where_there_is_n
     trial = tmp_path / "trial.yaml"
     trial.write_text("{}")
     check = ConfigCheck({"trial_file": str(trial), "overrides": []})
-    process = Path(f"/proc/{check._process.pid}")
+    process = Path(f"/proc/{check.process.pid}")
     limits = {line[:26].strip(): line[26:].split()[:2] for line in limits_of(process)}
     first = (process / "oom_score_adj").read_text().strip()
     check.end()

@@ -80,7 +80,7 @@ class Rig:
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_jammed_tool_stops_the_axis_before_it_shoots_off(tmp_path, rig):
     world = Rig(tmp_path, rig)
-    stuck = float(world.plant._state[POSITION])
+    stuck = world.plant.position
     world.lead(-0.2)
 
     def jam() -> None:
@@ -91,7 +91,7 @@ def test_a_jammed_tool_stops_the_axis_before_it_shoots_off(tmp_path, rig):
     fastest = 0.0
     for _ in range(300):
         world.trial.step()
-        fastest = max(fastest, abs(float(world.plant._state[VELOCITY])))
+        fastest = max(fastest, abs(world.plant.velocity))
     assert not world.rig.drive.powered
     assert fastest < 1.5
 
@@ -305,9 +305,9 @@ def test_a_slow_sensor_is_judged_by_its_new_values_alone():
 def test_a_drive_that_repeats_its_last_answer_is_found_before_the_axis_is_far(tmp_path, rig):
     world = Rig(tmp_path, rig)
     world.rig.inject("freeze", "drive")
-    here = float(world.plant._state[POSITION])
+    here = world.plant.position
     furthest = []
-    assert world.ticks(400, lambda: furthest.append(abs(world.plant._state[POSITION] - here))) < 400
+    assert world.ticks(400, lambda: furthest.append(abs(world.plant.position - here))) < 400
     assert world.stopped[0] in {"position_repeated", "force_mismatch", "samples_lost"}
     assert max(furthest) < 0.008
 

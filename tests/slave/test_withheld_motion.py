@@ -79,7 +79,7 @@ def test_withheld_motion_let_go_after_the_masters_death_is_not_followed(
     attacker.withholds = True
     before = states(trial, 200)
     assert len(attacker.kept) > 150
-    trial.lockstep._members[-1].cycle = lambda: None
+    trial.lockstep.members[-1].cycle = lambda: None
     held = list(attacker.kept)
     attacker.kept.clear()
 

@@ -43,7 +43,7 @@ class Run:
         with new_session() as session:
             run = LockstepTrial(self.trial, file.parent, open_bench, session)
             run.slave.configure()
-            self.master, self.slave = run.master._master, run.slave
+            self.master, self.slave = run.master.master, run.slave
             for _ in range(round(seconds * 1000)):
                 run.step()
                 master, pipeline = self.master, run.slave._pipeline

@@ -21,7 +21,7 @@ def felt_error(seconds: float, since_s: float, *overrides: str) -> float:
     with new_session() as session:
         run = LockstepTrial(trial, FILE.parent, open_bench, session)
         run.slave.configure()
-        master = run.master._master
+        master = run.master.master
         for tick in range(round(seconds * 1000)):
             run.step()
             rows.append((1e-3 * tick, master.x, master.velocity, master.force))

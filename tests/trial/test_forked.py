@@ -91,7 +91,7 @@ def test_an_expected_error_in_a_fork_goes_to_the_log_with_its_exit_code(supervis
 
 
 def test_a_fork_that_obeys_no_signal_is_killed(supervisor, monkeypatch):
-    monkeypatch.setattr("teleop_rt.trial.processes._END_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("teleop_rt.trial.processes.END_TIMEOUT_S", 0.2)
 
     def main():
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
