@@ -119,7 +119,7 @@ class Drive:
         return self.intent is _RUNNING and self.record.counts[_SILENT] < SILENT_CYCLES
 
     def fill(self, sample: Sample) -> None:
-        """Write what the drive says of itself into a sample."""
+        """Write the state and the measurements of the drive into a sample."""
         sample.enabled = self.enabled
         sample.drive_position = self._scale.value(self.record.floats[_ACTUAL])
         per_count = self._force_per_count
