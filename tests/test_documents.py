@@ -132,7 +132,7 @@ def test_every_key_of_a_file_that_a_page_names_exists_with_or_without_its_unit(p
 
 
 def test_the_bounds_of_a_stall_are_those_that_the_readme_states():
-    """What a reader copies to hardware, and what each rig that ships has."""
+    """The bounds that a reader copies to hardware, and those of each rig that ships."""
     words = " ".join((ROOT / "README.md").read_text().split())
     on_hardware = LateConfig()
     assert (

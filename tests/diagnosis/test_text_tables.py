@@ -124,7 +124,7 @@ def test_quoted_decimals_that_could_be_read_in_two_ways_are_refused(
         load(path)
 
 
-def test_two_columns_of_one_name_are_told_apart(tmp_path: Path, rows: np.ndarray) -> None:
+def test_two_columns_of_one_name_are_reported_by_number(tmp_path: Path, rows: np.ndarray) -> None:
     body = [f"{line},0" for line in lines(rows, ",")]
     path = written(tmp_path / "a.csv", ["t_s,x_mm,F_N,F_N", *body])
     with pytest.raises(RecordingError, match=r"F_N \(column 3\), F_N \(column 4\)"):
