@@ -97,6 +97,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "encoder owed": ("inference.verdict:_encoder_advantage", always(0.0)),
     "shows apart": ("inference.second:shows_tone_or_air_force", NEVER),
     "outdone by a pair": ("inference.verdict:_surpassed_by_pair", NEVER),
+    "air and contact alike": ("noise.structure:air_contact_mismatch", always(0.0)),
     "laws without their property": ("inference.unsupported:lacks_named_property", NEVER),
     "laws at a bound": ("inference.unsupported:at_wrong_bound", NEVER),
     "empty extensions": ("inference.verdict:without_empty_extensions", first),

@@ -17,6 +17,8 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor
 from teleop_rt.diagnosis.noise.saturated import basis
 from teleop_rt.diagnosis.noise.structure import (
+    air_contact_mismatch,
+    air_contact_noise,
     lack_of_fit,
     noise_from,
     power_in_time,
@@ -91,6 +93,26 @@ def pressed_after_free_air(kind: str) -> tuple[Problem, float]:
         colour = 1.0 / np.arange(0.5, colour.size)
     density = sigma**2 * t.size * colour / np.mean(colour)
     return replace(problem, whitener=replace(problem.whitener, density=density)), sigma
+
+
+@pytest.mark.parametrize("kind", ["white", "pink"])
+def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str) -> None:
+    """Of slow noise a stretch holds few independent values: chance makes one of them louder."""
+    rng = np.random.default_rng(2)
+    problem, sigma = pressed_after_free_air(kind)
+    fit = fit_base(problem, base_of("stiffness"))
+    nothing = np.zeros((1, fit.residual.size))
+    chance = air_contact_noise(problem, nothing, problem.whitener.draws(24))
+    assert chance is not None
+    seeds = rng.integers(1000, 1 << 31, 40)
+    drawn = [replace(fit, residual=problem.whitener.draws(1, int(seed))[0]) for seed in seeds]
+    shares = [air_contact_mismatch(problem, noise, noise, chance) for noise in drawn]
+    assert np.mean(np.array(shares) > 0.05) <= 0.025
+    x = problem.motion.x
+    louder = (
+        fit.residual + 3.0 * problem.whitener((rng.standard_normal(x.size) * (x > 0.0))[None])[0]
+    )
+    assert air_contact_mismatch(problem, fit, replace(fit, residual=sigma * louder), chance) > 0.5
 
 
 @pytest.mark.parametrize("kind", ["white", "pink"])

@@ -10,6 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
+    NAMED_SHARE,
     SEARCHED_SHAPE_FACTOR,
     SECOND_SHARE,
 )
@@ -31,7 +32,10 @@ from teleop_rt.diagnosis.inference.verdict import (
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor, within_a_step
 from teleop_rt.diagnosis.noise.structure import (
+    AirContactNoise,
     LackOfFit,
+    air_contact_mismatch,
+    air_contact_noise,
     at_bounds,
     lack_of_fit,
     tangent_space,
@@ -80,6 +84,8 @@ class Ranking:
         fit = within_a_step(self.problem, fit, self.step, own)
         spared = self._smoothing_gain(fit)
         left = lack_of_fit(self.problem, fit, own)
+        chance = self._noise_ratio
+        air_mismatch = air_contact_mismatch(self.problem, self.base, fit, chance) if chance else 0.0
         gain, gain_by_bic = self.base.chi2 - fit.chi2, self.base.bic - fit.bic
         bound = np.any(at_bounds(self.problem, fit))
         searched = tangent_space(self.problem, fit, searched=True) if bound else own
@@ -94,6 +100,7 @@ class Ranking:
             gain - spared,
             gain_by_bic - spared,
             left,
+            air_mismatch,
             bare,
             along,
             made,
@@ -160,6 +167,12 @@ class Ranking:
         return max(added, 0.0) * (SEARCHED_SHAPE_FACTOR if searched else 1.0)
 
     @cached_property
+    def _noise_ratio(self) -> AirContactNoise | None:
+        if not self.base.model.base.touches:
+            return None
+        return air_contact_noise(self.problem, self.rows, self.problem.flexible.noise)
+
+    @cached_property
     def _base_tangent_space(self) -> Matrix:
         return tangent_space(self.problem, self.base)
 
@@ -193,7 +206,7 @@ def needed_pairs(
     if not singles or not certain(singles[0], rank.floor):
         return [], singles
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
-    if not singles[0].tone_or_air_force:
+    if not singles[0].tone_or_air_force and singles[0].air_mismatch <= 1.0 - NAMED_SHARE:
         leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
         least = SECOND_SHARE * excess_of(left, singles[0])
         if not leaves_structure(singles[0].left, floor) or leftover < least:

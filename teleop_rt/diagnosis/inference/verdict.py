@@ -39,8 +39,9 @@ _EXTENDS = {
 class Ranked:
     """A candidate set with its gain over the base and the structure in its residual `left`.
 
-    `lacks_named_property` states that an effect fits as well without the property in its name, such
-    as a damping by direction that is equal in both directions.
+    `air_mismatch` is the difference between the residuals in contact and in free air, as a share of
+    the base's residual. `lacks_named_property` states that an effect fits as well without the
+    property in its name, such as a damping by direction that is equal in both directions.
     `tone_or_air_force` states that the residual contains a tone or a force in free air, which no
     form of the law produces.
 
@@ -55,6 +56,7 @@ class Ranked:
     gain: float
     delta_bic: float
     left: LackOfFit
+    air_mismatch: float = 0.0
     lacks_named_property: bool = False
     encoder_energy_along: float = inf
     encoder_energy_of_effects: float = 0.0
@@ -110,7 +112,7 @@ def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
     """
     share = (1.0 - NAMED_SHARE) * excess
     left = max(ranked.left.excess, most - ranked.gain)
-    return left <= share + slack_of(ranked, floor)
+    return left <= share + slack_of(ranked, floor) and ranked.air_mismatch <= 1.0 - NAMED_SHARE
 
 
 def _encoder_slack(ranked: Ranked) -> float:

@@ -18,6 +18,8 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 FREE_AIR = 0.05  # of the samples; less free air does not show the noise
 _NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
 _AT_BOUND = 1e-6  # of a parameter's range
+_EVEN_LOG_RATIO = float(np.log(1.2))  # of powers in contact and in air; less is no difference
+_CHANCE_SIGMAS = 3.0  # standard deviations of that ratio, or of encoder errors, by chance
 
 
 @dataclass(frozen=True)
@@ -101,11 +103,83 @@ def lack_of_fit(problem: Problem, fit: Fit, own: Matrix) -> LackOfFit:
     return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
 
 
+@dataclass(frozen=True)
+class AirContactNoise:
+    """Samples in contact and in free air, and the statistics of noise alone in both.
+
+    `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
+    the logarithm of the sensor noise's power in contact over that in free air, `errors` and
+    `errors_scatter` those of the power [force^2] that the errors of encoder and converter have in
+    contact; `steady` is what the converter's may be in free air, where they are always the same.
+    """
+
+    air: NDArray[np.bool_]
+    touch: NDArray[np.bool_]
+    typical: float
+    scatter: float
+    errors: float
+    errors_scatter: float
+    steady: float
+
+
 def air_and_contact(problem: Problem) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which of the samples in use are surely in free air, and which in contact."""
     used, x = problem.whitener.mask > 0.0, problem.motion.x
     margin = _NEAR_SURFACE * problem.motion.scales["travel"]
     return used & (x < -margin), used & (x > margin)
+
+
+def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirContactNoise | None:
+    """Return the statistics of the difference between contact and free air by chance.
+
+    `noise` are whitened draws of the noise, of which the sensor's is the same in both; errors of
+    the encoder (`floor`, see `input_floor`) are felt in contact, and so are those of the steps in
+    which a force is read that in the air is always the same. Of slow noise a stretch of free air
+    holds few independent values, so the ratio is drawn. None without enough free air.
+    """
+    whitener = problem.whitener
+    air, touch = air_and_contact(problem)
+    if min(np.count_nonzero(air), np.count_nonzero(touch)) < FREE_AIR * air.size:
+        return None
+    sensor = np.tile(np.sqrt(np.maximum(1.0 - whitener.known / whitener.density, 1e-6)), 2)
+    drawn = [power_in_time(problem, row * sensor) for row in noise]
+    ratios = [float(np.log(np.mean(row[touch]) / np.mean(row[air]))) for row in drawn]
+    errors = [float(np.mean(power_in_time(problem, row)[touch])) for row in floor]
+    by_steps = problem.force_step**2 / 12.0
+    return AirContactNoise(
+        air,
+        touch,
+        float(np.mean(ratios)),
+        float(np.std(ratios)),
+        float(np.mean(errors)) + by_steps,
+        float(np.std(errors)),
+        3.0 * by_steps,
+    )
+
+
+def air_contact_mismatch(problem: Problem, base: Fit, fit: Fit, chance: AirContactNoise) -> float:
+    """Return the excess difference between contact and free air, as a share of the base's residual.
+
+    A difference above chance is structure, even if the flexible description misses it and the noise
+    model absorbs it as coloured noise. An increase of the residual in one of the two also counts.
+    """
+    left, first = power_in_time(problem, fit.residual), power_in_time(problem, base.residual)
+    whole = float(np.sum(first))
+    air, touch = chance.air, chance.touch
+    # An effect that improves contact must not increase the residual in free air, and vice versa.
+    spoilt = max(float(np.sum((left - first)[where])) / whole for where in (air, touch))
+    in_air, in_touch = float(np.mean(left[air])), float(np.mean(left[touch]))
+    beyond = in_air - chance.steady
+    typical, most = (
+        np.exp(chance.typical),
+        np.exp(_EVEN_LOG_RATIO + _CHANCE_SIGMAS * chance.scatter),
+    )
+    extra = 0.0
+    if in_touch - chance.errors - _CHANCE_SIGMAS * chance.errors_scatter > typical * most * in_air:
+        extra = (in_touch - chance.errors - typical * in_air) * np.count_nonzero(touch)
+    elif typical * beyond > most * in_touch:
+        extra = (beyond - in_touch / typical) * np.count_nonzero(air)
+    return max(float(extra) / whole, spoilt, 0.0)
 
 
 def power_in_time(problem: Problem, row: Vector) -> Vector:
