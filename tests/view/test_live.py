@@ -198,7 +198,11 @@ def test_a_recording_is_sought_held_paced_and_looped(recorded):
 
 
 @pytest.mark.parametrize(
-    "asked", [{"speed": 0}, {"speed": 1e9}, {"seek": "now"}, {"seek": True}, {"play": 1}, {"x": 2}]
+    "asked",
+    [
+        *({"speed": 0}, {"speed": 1e9}, {"seek": "now"}, {"seek": True}, {"play": 1}, {"x": 2}),
+        *({"seek": 10**900}, {"speed": -(10**900)}),
+    ],
 )
 def test_what_is_no_wish_of_a_playback_changes_nothing(recorded, asked):
     feed = Feed(RecordingSource(recorded, lambda: 7.0), 2.0)
