@@ -27,7 +27,8 @@ _UNREADABLE = (
 )  # fmt: skip
 _NEXT_STEP = {
     **dict.fromkeys(
-        TEXT, "a line that names the columns is needed, and lines of as many numbers below it"
+        TEXT,
+        "text in UTF-8 is needed: a line that names the columns, lines of as many numbers below it",
     ),
     ".mat": "save it as MATLAB's format 7 or older (`save -v7`), with plain arrays",
     ".npz": "save plain arrays of numbers with numpy.savez",
