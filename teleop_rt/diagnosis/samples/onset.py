@@ -37,6 +37,7 @@ _FRICTION_SPEED_RATIO = 0.02  # of the speed's deviation, over which dry frictio
 _CORNER_ENERGY_RATIO = 0.5  # of the squared error without a corner; above it none is evident
 _DETECTED_SAMPLES = 3  # in a row above a force, or below it, that begin or end a contact
 _AIR_S = 0.02  # s, of free air before a contact that shows the surface
+_FEWEST_CONTACTS = 2
 _LEAST_NOISE = 1e-4  # of the range of force or position; recordings without noise have some, too
 _MIN_CONTACT_SAMPLES = 100  # before a corner; fewer are not searched again
 
@@ -75,7 +76,8 @@ def onset(position: Vector, force: Vector, dt: float) -> Surface | None:
 def _as_met_on_line(position: Vector, force: Vector, dt: float) -> Surface | None:
     """Return the surface by the on-line detector, which presumes one mean force in free air.
 
-    None if contacts met it at different places, as they seem to where the air's force swings.
+    None unless contacts agree: they seem to meet it at different places where the air's force
+    swings, and a single one, of a tip that was pulled in, says nothing of the place.
     """
     noise, level = force_noise(force), float(np.ptp(force))
     least = max(_CLEAR_SIGMAS * noise, _LEAST_RISE * level)
@@ -87,7 +89,7 @@ def _as_met_on_line(position: Vector, force: Vector, dt: float) -> Surface | Non
     settings[detection.FORCE_NOISE] = max(noise, _LEAST_NOISE * level)
     settings[detection.RESOLUTION] = _LEAST_NOISE * float(np.ptp(position))
     places = detection.surfaces_met(settings, position, force)
-    if not places.size:
+    if places.size < _FEWEST_CONTACTS:
         return None
     place = float(np.quantile(places, _ONSET_QUANTILE, method="lower"))
     way = _WAY_SHARES[-1] * (float(np.max(position)) - place)
