@@ -57,7 +57,9 @@ def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_b
     assert world.axis.force_max > 1.0
     if environment == "stiff":
         end = world.axis.material.force(world.axis.position - SURFACE_M, world.axis.velocity)
-        assert end == pytest.approx(DEPTH_SHARE * FORCE_CAP_N, rel=0.02)
+        # Where the slave measured the wall's slope in motion, its damping counts as stiffness.
+        in_motion = world.axis.material.b * speed / FORCE_CAP_N
+        assert 0.99 - in_motion < end / (DEPTH_SHARE * FORCE_CAP_N) < 1.02
     assert adoption.newest.k > 1000.0, "the model was adopted"
     assert world.master.observer.lowest_J >= -world.master.observer.epsilon_J
 
