@@ -201,9 +201,12 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     flavour in (`inner_kernel`).
     Floating point stays IEEE (no fast-math): the guards against not-a-number depend on it. The
     cache is asked for only where a folder can be written, for `njit(cache=True)` without one
-    raises at import and would keep the daemon from starting on a read-only system.
+    raises at import and would keep the daemon from starting on a read-only system. Nor is a file
+    cached that was run and not imported, as a user's effects are: a cached kernel is loaded by the
+    name of its module, and such a file may be written again while its process runs.
     """
-    cached = _ROOT is not None and Path(function.__code__.co_filename).is_file()
+    imported = function.__module__ in sys.modules
+    cached = _ROOT is not None and imported and Path(function.__code__.co_filename).is_file()
     return _compiled(function, cached=cached)
 
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -170,6 +172,35 @@ def test_a_user_adds_an_effect_by_one_declaration(tmp_path: Path) -> None:
     (effect,) = load_file(path)
     value = run_step(effect, X, V, V, T, DT, np.array([0.01]))
     np.testing.assert_allclose(value, np.maximum(X - 0.01, 0.0) ** 3, rtol=1e-12)
+
+
+STEP_OF_A_FILE = """
+import sys
+from pathlib import Path
+from teleop_rt.contact.effects.user import load_file
+from teleop_rt.diagnosis.models.simulate import run_step
+import numpy as np
+
+def value(path):
+    (effect,) = load_file(path)
+    row = np.full(1, 3.0)
+    return run_step(effect, row, row, row, row, 1e-3, np.array([1.0]))[0]
+
+path = Path(sys.argv[1])
+cubed = value(path)
+path.write_text(path.read_text().replace("** 3", "** 2"))
+print(cubed, value(path), file=sys.stdout)
+path.write_text(path.read_text().replace("** 2", "** 3"))
+"""
+
+
+def test_a_user_file_is_used_again_by_another_process_and_after_a_change(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(USER_FILE)
+    command = [sys.executable, "-c", STEP_OF_A_FILE, path]
+    for _ in range(2):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.stdout.split() == ["8.0", "4.0"], done.stderr
 
 
 @pytest.mark.parametrize(
