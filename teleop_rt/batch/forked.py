@@ -7,6 +7,7 @@ fresh one imports and loads them again, for 2.3 s of processor time.
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -45,16 +46,28 @@ def as_finished(
     if count <= 1:
         yield from ((index, call(item)) for index, item in enumerate(items))
         return
-    forking = multiprocessing.get_context("fork")
-    with ProcessPoolExecutor(count, forking, initializer=end_with_parent) as pool:
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), initializer=_obey)
+    try:
         indices = {pool.submit(_unheard, call, item): n for n, item in enumerate(items)}
-        try:
-            for future in as_completed(indices):
-                yield indices.pop(future), future.result()
-        except BrokenProcessPool as error:
+        for future in as_completed(indices):
+            yield indices.pop(future), future.result()
+    except BaseException as error:  # an interrupt or a fault does not wait for what is under way
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        if isinstance(error, BrokenProcessPool):
             raise WorkerLostError(error) from None
-        finally:
-            pool.shutdown(cancel_futures=True)
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _obey() -> None:
+    """Leave interrupts to the parent, which ends this process, and end with it in any case."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    end_with_parent()
 
 
 def _unheard(call: Callable[[T], R], item: T) -> R:

@@ -7,7 +7,7 @@ import math
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import chdir
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -24,6 +24,7 @@ from teleop_rt.offline.find import digest_of, find, names_one, own_names
 from teleop_rt.outputs import refuse_filled
 
 FAULT = 1
+INTERRUPTED = 130  # as of a shell
 ANSWERS = "answers.jsonl"
 Show = Callable[[Console, dict[str, Any]], None]
 
@@ -107,7 +108,11 @@ def each(
     results: list[dict[str, Any]] = []
     alone = len(cases) == 1
     lines = alone and work.seconds_each > _SILENT_S
-    with bar(work.command, counts=not alone, lines=lines) as shown, heard_by(shown.phase):
+    with (
+        _ends_with_words(results, len(cases), keep),
+        bar(work.command, counts=not alone, lines=lines) as shown,
+        heard_by(shown.phase),
+    ):
         for result in _results(work, cases, workers, keep, shown):
             results.append(result["answer"])
             if result["code"]:
@@ -119,6 +124,20 @@ def each(
     if bad:
         _report_bad(bad, len(cases))
         raise typer.Exit(FAULT if FAULT in bad.values() else BAD_INPUT)
+
+
+@contextmanager
+def _ends_with_words(results: Sequence[object], count: int, keep: Path | None) -> Iterator[None]:
+    """Report an interrupt: how far the work came, and how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        done = "" if count == 1 else f" after {len(results)} of {count} recordings"
+        next_step = "" if count == 1 else "; with --out finished answers are kept"
+        if keep is not None:
+            next_step = f"; {keep} keeps what was answered, and the same command goes on"
+        print(f"interrupted{done}{next_step}", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _opened(work: Work, out: Path | None, *, one: bool) -> Path | None:

@@ -87,3 +87,29 @@ def test_workers_end_with_a_parent_that_is_killed():
         waiting.unregister(end)
         os.close(end)
     parent.stdout.close()
+
+
+INTERRUPTED = """
+import os, signal, sys
+from operator import call
+from teleop_rt.batch.forked import as_finished
+
+def wait():
+    os.write(1, b"waits\\n")
+    signal.pause()
+
+try:
+    list(as_finished(call, [wait] * 5, 2))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_an_interrupt_ends_the_workers_at_once():
+    work = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert work.stdout is not None
+    assert [work.stdout.readline() for _ in range(2)] == [b"waits\n"] * 2
+    os.killpg(work.pid, signal.SIGINT)  # as a terminal sends it
+    assert work.communicate(timeout=30)[0] == b"interrupted\n"

@@ -256,3 +256,24 @@ def test_a_scheduler_that_does_not_answer_is_named(call, folder, monkeypatch):
     code, out, err = call("replay", folder, *CHOSEN, "--scheduler", "tcp://127.0.0.1:9")
     assert (code, out) == (2, "")
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in err
+
+
+def test_an_interrupt_tells_what_is_kept_and_the_same_command_goes_on(
+    call, folder, tmp_path, monkeypatch
+):
+    arguments = ("replay", folder, *CHOSEN, "--json", "--jobs", 1, "--out", "out")
+    answer = work.Replaying.answer
+
+    def interrupted_at_b(replaying, recording, name):
+        if name == "b":
+            raise KeyboardInterrupt
+        return answer(replaying, recording, name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(work.Replaying, "answer", interrupted_at_b)
+        code, out, err = call(*arguments)
+    assert code == 130, (out, err)
+    assert "interrupted after 2 of 4 recordings; out keeps what was answered" in err
+    assert done(tmp_path / "out") == ["a"]
+    assert call(*arguments)[0] == 2, "one is bad"
+    assert done(tmp_path / "out") == ["a", "b", "c"]
