@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.extras import install_command
 from teleop_rt.yaml_file import read_yaml
 
 _LEAD_IN_S = 1.0
@@ -40,9 +43,16 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
     try:
         from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - an extra may be absent
     except ImportError:
+        report_no_page()
         extended.write(folder / "model.yaml", found.answer)
     else:
         write(found.answer, residuals_of(found, recording.units), folder)
+
+
+@cache
+def report_no_page() -> None:
+    """Report once that the extra that draws pages is missing."""
+    print(f"no page: `{install_command('report')}` adds it to the next one", file=sys.stderr)
 
 
 def _surface(found: Diagnosis, recording: Recording) -> float:

@@ -77,7 +77,7 @@ def _as_met_on_line(position: Vector, force: Vector, dt: float) -> Surface | Non
     """Return the surface by the on-line detector, which presumes one mean force in free air.
 
     None unless contacts agree: they seem to meet it at different places where the air's force
-    swings, and a single one, of a tip that was pulled in, says nothing of the place.
+    swings, and the place of a single one may be that of a tip that was pulled in.
     """
     noise, level = force_noise(force), float(np.ptp(force))
     least = max(_CLEAR_SIGMAS * noise, _LEAST_RISE * level)
