@@ -258,7 +258,7 @@ def test_a_scheduler_that_does_not_answer_is_named(call, folder, monkeypatch):
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in err
 
 
-def test_an_interrupt_tells_what_is_kept_and_the_same_command_goes_on(
+def test_an_interrupt_reports_what_is_kept_and_the_same_command_goes_on(
     call, folder, tmp_path, monkeypatch
 ):
     arguments = ("replay", folder, *CHOSEN, "--json", "--jobs", 1, "--out", "out")
