@@ -12,7 +12,7 @@ from teleop_rt.config import PlantConfig, TrialConfig
 from teleop_rt.config_problems import follows_from_others, problem_of
 from teleop_rt.config_rig import AxisConfig, RigConfig
 from teleop_rt.section import Section, Units
-from teleop_rt.shipped import example, example_names
+from teleop_rt.shipped import example, example_names, meant
 from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
 
 FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
@@ -113,6 +113,8 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
         file = example("rigs", named)
     if not _is_file(file):
         message = f"{'.'.join(keys)}: no file {file}: the path is relative to the trial file"
+        if key == "rig" and file.name == named:
+            message += f"; {meant(named, ('rigs',))}"
         raise ConfigError([Problem(document.place(keys), message)])
     loaded = read_yaml(file)
     _require_mapping(loaded, file)

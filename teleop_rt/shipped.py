@@ -24,7 +24,7 @@ def example_names(kind: str) -> list[str]:
 def example(kind: str, name: str) -> Path:
     """Return the file of an example. Raises NoConfigError, which lists those there are."""
     if name not in example_names(kind):
-        raise NoConfigError(f"{name}: is not an example; {_meant(name, (kind,))}")
+        raise NoConfigError(f"{name}: is not an example; {meant(name, (kind,))}")
     return EXAMPLES / kind / f"{name}.yaml"
 
 
@@ -57,11 +57,11 @@ def _found(given: Path, kinds: tuple[str, ...]) -> Path:
         if named in example_names(kind):
             return example(kind, named)
     raise NoConfigError(
-        f"{named}: no such file, and no example of that name; {_meant(named, kinds)}"
+        f"{named}: no such file, and no example of that name; {meant(named, kinds)}"
     )
 
 
-def _meant(named: str, kinds: Iterable[str]) -> str:
+def meant(named: str, kinds: Iterable[str]) -> str:
     """Return the example that was probably meant, else those there are, by their kind."""
     known = {kind: example_names(kind) for kind in kinds}
     near = difflib.get_close_matches(named, sorted(set().union(*known.values())), n=1)

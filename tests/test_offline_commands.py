@@ -11,6 +11,7 @@ import yaml
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
+from teleop_rt.extras import install_command
 from teleop_rt.offline import work
 from teleop_rt.offline.commands import size_seen
 from teleop_rt.realtime.recording import RecordingWriter
@@ -197,6 +198,15 @@ def test_a_recording_that_may_not_be_read_is_reported(call, tmp_path, monkeypatc
     assert "closed.csv: cannot be read: Permission denied: let this user read it" in err
 
 
+def test_a_surface_that_no_position_reaches_is_refused_with_its_unit(call, tmp_path):
+    t = np.arange(0.0, 4.0, 1e-3)
+    x = 0.004 - 0.008 * np.cos(7.0 * t)
+    np.savez(tmp_path / "a.npz", t_s=t, position_m=x, force_N=np.maximum(2500.0 * x, 0.0))
+    code, _, err = call("replay", "a.npz", "--surface", "20")
+    assert code == 2
+    assert "positions lie between -0.004 and 0.012 m, none beyond the surface at 20 m" in err
+
+
 @pytest.mark.parametrize(
     ("name", "next_step"),
     [("a.csv", "text in UTF-8"), ("a.mat", "save -v7"), ("a.npz", "numpy.savez")],
@@ -295,7 +305,10 @@ def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path)
         write_csv(folder / "a.csv", t, position, gain * force)
     files = [folder / "a.csv" for folder in folders]
     code, _, err = call("diagnose", *files, "--surface", "0.010", "--out", "given", *ALONE)
-    assert (code, err) == (0, "")
+    assert (code, err.splitlines()) == (
+        0,
+        [f"no page: `{install_command('report')}` adds it to the next one"],
+    )
     stiffness = [
         yaml.safe_load((tmp_path / "given" / name / "model.yaml").read_text())["base"]
         for name in ("a", "a-2")

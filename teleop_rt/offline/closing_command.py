@@ -23,7 +23,7 @@ from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.commands import print_draft, print_effects
 from teleop_rt.offline.steps import steps
 from teleop_rt.offline.table import Table
-from teleop_rt.offline.write import report_no_page
+from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.run_folder import FeltOf
@@ -98,7 +98,7 @@ def _write_page(
     try:
         from teleop_rt.view.loop_page import write_loop_page  # noqa: PLC0415 - an extra
     except ImportError:
-        report_no_page()
+        report_missing_page()
         return
     write_loop_page(answer, folder, felt_of, residuals)
 

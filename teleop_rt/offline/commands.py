@@ -17,6 +17,7 @@ from teleop_rt.offline.many import each
 from teleop_rt.offline.replay import Choice
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.work import Diagnosing, Replaying
+from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import parameter
 
@@ -56,6 +57,8 @@ def diagnose(
     """Diagnose recordings, and print what was found."""
     several = not names_one(recordings)
     work = Diagnosing(base, surface, table, test, effects, out, several=several)
+    if out is not None:
+        report_missing_page()
     each(work, recordings, workers, out, _print_diagnosis, as_json=as_json)
 
 

@@ -13,6 +13,7 @@ from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import force_noise, quantisation_step
 from teleop_rt.diagnosis.samples.surface import refuse_turned, refuse_wrong_units
+from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import RowSpec, rows_for
@@ -115,12 +116,25 @@ def online_of(path: Path, choice: Choice, table: Table, effects: Path | None = N
     )
 
 
+def _refuse_beyond(recording: Recording, surface: float | None) -> None:
+    """Raise RecordingError where no position reaches the surface that the user states."""
+    lowest, deepest = float(np.min(recording.position)), float(np.max(recording.position))
+    if surface is not None and surface >= deepest:
+        unit, _ = recording.units
+        raise RecordingError(
+            f"{recording.name}: no contact: positions lie between {lowest:.4g} and {deepest:.4g}"
+            f" {unit}, none beyond the surface at {surface:.4g} {unit}; --surface takes {unit},"
+            " whatever the unit of the column"
+        )
+
+
 def online_of_recording(recording: Recording, choice: Choice) -> Online:
     """Return a recording without settings, with settings derived from its noise.
 
     Raises RecordingError where its figures hint at a wrong unit or sign.
     """
     refuse_wrong_units(recording, None)
+    _refuse_beyond(recording, choice.surface)
     if choice.surface is None and recording.surface is None:
         refuse_turned(recording)
     noise = max(force_noise(recording.force), _SMALLEST_SHARE * float(np.ptp(recording.force)))

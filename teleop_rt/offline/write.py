@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -43,16 +42,17 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
     try:
         from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - an extra may be absent
     except ImportError:
-        report_no_page()
         extended.write(folder / "model.yaml", found.answer)
     else:
         write(found.answer, residuals_of(found, recording.units), folder)
 
 
-@cache
-def report_no_page() -> None:
-    """Report once that the extra that draws pages is missing."""
-    print(f"no page: `{install_command('report')}` adds it to the next one", file=sys.stderr)
+def report_missing_page() -> None:
+    """Report on standard error where the extra that draws pages is missing."""
+    try:
+        import teleop_rt.view.diagnosis_page  # noqa: F401, PLC0415 - as below
+    except ImportError:
+        print(f"no page: `{install_command('report')}` adds it to the next one", file=sys.stderr)
 
 
 def _surface(found: Diagnosis, recording: Recording) -> float:
