@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from teleop_rt.errors import RecordingError
@@ -78,7 +78,8 @@ def print_runs(console: Console, runs: Iterable[Listed]) -> None:
     """Print runs as a table, a line each."""
     table = Table(box=None, pad_edge=False, header_style="dim")
     for heading in ("", "began", "trial", "ended", "model", "k", "b", "felt error", "folder"):
-        table.add_column(heading, justify="right" if heading in {"k", "b"} else "left")
+        justify: JustifyMethod = "right" if heading in {"k", "b"} else "left"
+        table.add_column(heading, justify=justify, overflow="fold")  # a cut name names nothing
     for run in runs:
         felt = "–" if run.felt_nrmse is None else f"{100.0 * run.felt_nrmse:.2g} %"
         table.add_row(
