@@ -72,6 +72,10 @@ def notes_of(
             " position, velocity and time on the page of --out, and its draft of a law for"
             " --effects FILE"
         )
+        found.append(
+            "the deviations of parameters are those of a complete model: what is missing here may"
+            " move them by more"
+        )
     error = answer["error"]
     unpredicted = [word for key, word in _MODELS.items() if error["std_normalised"][key] is None]
     if unpredicted:
