@@ -31,8 +31,9 @@ from teleop_rt.estimation.rows import whole_for
 from teleop_rt.extras import install_command
 from teleop_rt.interrupts import Interrupts
 from teleop_rt.jit import kernel_folder
-from teleop_rt.link.channel import load_kernels
+from teleop_rt.link import channel
 from teleop_rt.master.rendered_effects import RenderedEffects
+from teleop_rt.realtime import lateness
 from teleop_rt.slave.step import compile_step
 from teleop_rt.trial.estimators import (
     make_pipeline,
@@ -143,7 +144,8 @@ def _compile_sides(trial: TrialConfig) -> None:
     compile_step()
     own = Path(trial.effects_file) if trial.effects_file else None
     RenderedEffects(library(own), deepest=1.0, speed=1.0)
-    load_kernels()
+    channel.load_kernels()
+    lateness.load_kernels()
     if isinstance(trial.plant, SimulatedPlantConfig):
         Plant(trial.plant, 0, trial.seed)
 

@@ -81,6 +81,11 @@ def judge_lateness(record: Counts, late_ns: int) -> int:
     return _HOLD if late_ns >= record[HOLD_NS] else _IN_TIME
 
 
+def load_kernels() -> None:
+    """Compile or load what a `Lateness` calls, so that its first tick does not wait for it."""
+    Lateness(ON_HARDWARE, 1_000_000).update(0)
+
+
 class Lateness:
     """Judges each tick by its own stall, and by the share of the last second that was late.
 

@@ -19,6 +19,7 @@ from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
 from teleop_rt.master.passivity import Port
+from teleop_rt.realtime import lateness
 from teleop_rt.realtime.lateness import IN_TIME, ON_HARDWARE, STOP, Late, Lateness, late_ns
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, MASTER_TOPIC
@@ -71,6 +72,7 @@ class MasterSide:
         self.operator = operator
         device = trial.operator if isinstance(trial.operator, DeviceConfig) else None
         rig = trial.rig if device is None else device.rig
+        lateness.load_kernels()
         self.late = Lateness(rig.realtime.late, self.period_ns)
         self.on_hardware = Lateness(ON_HARDWARE, self.period_ns)
         self.ring = publish(session, MASTER_TOPIC, MASTER)

@@ -1,5 +1,9 @@
 """The rule of lateness at its edges, at rates from 100 Hz to 4 kHz."""
 
+import subprocess
+import sys
+
+import numba
 import pytest
 from pydantic import ValidationError
 
@@ -94,3 +98,21 @@ def test_a_process_that_was_stopped_for_an_hour_is_judged_at_once():
 )
 def test_how_late_a_tick_began_counts_whole_periods_once(skipped, latency_ns, expected_ns):
     assert late_ns(skipped, latency_ns, MS) == expected_ns
+
+
+FIRST_TICK = """
+from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness, judge_lateness, load_kernels
+load_kernels()
+loaded = list(judge_lateness.signatures)
+for late_ns in (0, 3_000_000, 2**40):
+    Lateness(ON_HARDWARE, 500_000).update(late_ns)
+print(len(loaded), judge_lateness.signatures == loaded)
+"""
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_no_tick_of_a_master_waits_for_the_judgement_of_its_lateness_to_be_compiled():
+    done = subprocess.run(
+        [sys.executable, "-c", FIRST_TICK], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "1 True\n"
