@@ -187,7 +187,7 @@ def test_the_fingerprint_follows_the_contents_of_what_is_imported(tmp_path, monk
 def loaded(file):
     """Import a file by its path, as a module of its own."""
     spec = importlib.util.spec_from_file_location(file.stem, file)
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
