@@ -61,14 +61,19 @@ CHANGES = {"unreferenced": NO_ZEROS, "torque": TORQUE}
 RIGS_RUN = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
 
 
+def summary_in_lockstep(trial, folder):
+    """Return the summary of a trial run on simulated time, recorded in a folder."""
+    write_trial(folder, trial)
+    outcome = run_lockstep(trial, TRIAL, open_bench, folder, lambda _: None)
+    return summarise(folder, trial, outcome, environment_force)
+
+
 def test_the_default_trial_finds_the_cube_by_a_load_cell_of_80_samples_a_second(tmp_path):
     rig = "rig=../rigs/simulated_load_cell.yaml"
     trial = load_trial(
         TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, [rig, "duration_s=9", "seed=3"]
     )
-    write_trial(tmp_path, trial)
-    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
-    summary = summarise(tmp_path, trial, outcome, environment_force)
+    summary = summary_in_lockstep(trial, tmp_path)
     k, b = kelvin_voigt(summary)
     assert k == pytest.approx(3600, rel=0.03)
     # A lag that is off by 1 ms is 3.6 N s/m.
@@ -86,9 +91,7 @@ def test_the_default_trial_finds_the_cube_by_a_maker_s_motor_alone(drive, tmp_pa
     noise = ("contact.onset_force_N=2", "contact.release_force_N=1", "operator.felt_force_N=2")
     options = [f"rig={rig}", "duration_s=6", "seed=1", *noise]
     trial = load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, options)
-    write_trial(tmp_path, trial)
-    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
-    summary = summarise(tmp_path, trial, outcome, environment_force)
+    summary = summary_in_lockstep(trial, tmp_path)
     k, b = kelvin_voigt(summary)
     assert k == pytest.approx(3600, rel=0.03)
     assert b == pytest.approx(20, abs=1.0)
@@ -117,9 +120,7 @@ def test_the_default_trial_finds_the_cube_on_simulated_time(kind, tmp_path):
         registry.PLANT_SCHEMAS,
         [f"rig=../rigs/simulated_{rig}.yaml", f"duration_s={duration_s}", *CHANGES.get(kind, [])],
     )
-    write_trial(tmp_path, trial)
-    outcome = run_lockstep(trial, TRIAL, open_bench, tmp_path, lambda _: None)
-    summary = summarise(tmp_path, trial, outcome, environment_force)
+    summary = summary_in_lockstep(trial, tmp_path)
     k, b = kelvin_voigt(summary)
     assert k == pytest.approx(3600, rel=0.01)
     assert b == pytest.approx(20, rel=0.05)
