@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import get_args
 
 import numpy as np
@@ -37,14 +37,15 @@ class EffectError(ExpectedError):
 def load_file(path: Path) -> tuple[Effect, ...]:
     """Return the declarations in the variable EFFECTS of a Python file, compiled and tried.
 
-    The file is run, so it must be as trusted as the program itself. Raises EffectError.
+    The file is run, so it must be as trusted as the program itself, and as it is now: Python's
+    bytecode cache compares whole seconds, so an import may miss a change. Raises EffectError.
     """
-    spec = importlib.util.spec_from_file_location(f"user_effects_{path.stem}", path)
-    if spec is None or spec.loader is None or not path.is_file():
+    if path.suffix != ".py" or not path.is_file():
         raise EffectError(f"{path}: no such Python file")
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(f"user_effects_{path.stem}")
+    module.__file__ = str(path)
     try:
-        spec.loader.exec_module(module)
+        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)  # noqa: S102 - see above
     except Exception as error:
         raise EffectError(f"{path}: {type(error).__name__}: {error}") from error
     return checked(str(path), getattr(module, "EFFECTS", None))
