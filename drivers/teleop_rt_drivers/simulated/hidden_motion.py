@@ -23,6 +23,12 @@ STAGES = 6
 
 
 @kernel
+def _servo(y: Vector, reference: float, rate: float, mode: int, constants: Vector) -> float:
+    """Return the drive's force on the tool."""
+    return float(motion.servo_force(y[X], y[V], reference, rate, mode, constants))
+
+
+@kernel
 def _slope(
     y: Vector, reference: float, rate: float, mode: int, t: float,
     constants: Vector, c: Vector, out: Vector,
@@ -33,7 +39,7 @@ def _slope(
     tip, tip_rate = hidden.tip_motion(x, v, t, memories, c)
     contact = hidden.body_force(tip, tip_rate, t, memories, c)
     guide = hidden.guide_force(v, memories, c)
-    servo = motion.servo_force(x, v, reference, rate, mode, constants)
+    servo = _servo(y, reference, rate, mode, constants)
     out[X] = v
     out[V] = (servo - contact - guide) / constants[motion.MASS]
     loaded = contact + guide + c[hidden.TOOL_MASS] * out[V]
@@ -81,14 +87,18 @@ def advance_hidden(
         y[X], y[V] = state[motion.POSITION], state[motion.VELOCITY]
         for i in range(hidden.N_MEMORIES):
             y[MEMORIES + i] = memories[i]
-        state[motion.IMPULSE] += h * motion.servo_force(y[X], y[V], r, w, mode, constants)
+        s1 = _servo(y, r, w, mode, constants)
         _slope(y, r, w, mode, t, constants, c, a1)
         _along(y, a1, 0.5 * h, trial)
+        s2 = _servo(trial, rm, w, mode, constants)
         _slope(trial, rm, w, mode, t + 0.5 * h, constants, c, a2)
         _along(y, a2, 0.5 * h, trial)
+        s3 = _servo(trial, rm, w, mode, constants)
         _slope(trial, rm, w, mode, t + 0.5 * h, constants, c, a3)
         _along(y, a3, h, trial)
+        s4 = _servo(trial, r2, w, mode, constants)
         _slope(trial, r2, w, mode, t + h, constants, c, a4)
+        state[motion.IMPULSE] += h * (s1 + 2.0 * s2 + 2.0 * s3 + s4) / 6.0
         _step(y, h, a1, a2, a3, a4)
         _settle(y, t + h, state, memories, c)
         loaded = _slope(y, r2, w, mode, t + h, constants, c, a1)

@@ -58,12 +58,9 @@ def servo_force(
 
 
 @kernel
-def acceleration(
-    position: float, velocity: float, reference: float, rate: float, mode: int, constants: Vector
-) -> float:
-    """Return the acceleration of the tool."""
-    force = servo_force(position, velocity, reference, rate, mode, constants)
-    force -= contact_force(position, velocity, constants)
+def acceleration(position: float, velocity: float, servo: float, constants: Vector) -> float:
+    """Return the acceleration of the tool under the drive's force `servo`."""
+    force = servo - contact_force(position, velocity, constants)
     return force / float(constants[MASS])
 
 
@@ -105,7 +102,8 @@ def advance(
     """Integrate over `span_ns` by Runge-Kutta steps of at most 50 us; return the history's head.
 
     The reference is taken as linear within a step. Every step leaves its time and contact force
-    in the history, a ring. The drive's force is summed up over time: its impulse [rig unit s].
+    in the history, a ring. The drive's force is integrated by the same steps as the velocity, so
+    that its impulse [rig unit s] is the momentum and what the body took.
     """
     steps = (span_ns + STEP_NS - 1) // STEP_NS
     h = span_ns * 1e-9 / steps
@@ -115,14 +113,18 @@ def advance(
         r2 = state[REFERENCE]
         rm = 0.5 * (r + r2)
         x, v = state[POSITION], state[VELOCITY]
-        state[IMPULSE] += h * servo_force(x, v, r, w, mode, constants)
-        a1 = acceleration(x, v, r, w, mode, constants)
-        v2 = v + 0.5 * h * a1
-        a2 = acceleration(x + 0.5 * h * v, v2, rm, w, mode, constants)
-        v3 = v + 0.5 * h * a2
-        a3 = acceleration(x + 0.5 * h * v2, v3, rm, w, mode, constants)
-        v4 = v + h * a3
-        a4 = acceleration(x + h * v3, v4, r2, w, mode, constants)
+        s1 = servo_force(x, v, r, w, mode, constants)
+        a1 = acceleration(x, v, s1, constants)
+        x2, v2 = x + 0.5 * h * v, v + 0.5 * h * a1
+        s2 = servo_force(x2, v2, rm, w, mode, constants)
+        a2 = acceleration(x2, v2, s2, constants)
+        x3, v3 = x + 0.5 * h * v2, v + 0.5 * h * a2
+        s3 = servo_force(x3, v3, rm, w, mode, constants)
+        a3 = acceleration(x3, v3, s3, constants)
+        x4, v4 = x + h * v3, v + h * a3
+        s4 = servo_force(x4, v4, r2, w, mode, constants)
+        a4 = acceleration(x4, v4, s4, constants)
+        state[IMPULSE] += h * (s1 + 2.0 * s2 + 2.0 * s3 + s4) / 6.0
         state[POSITION] = x + h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0
         state[VELOCITY] = v + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
         state[FORCE] = contact_force(state[POSITION], state[VELOCITY], constants)
