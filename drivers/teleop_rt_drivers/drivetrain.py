@@ -35,6 +35,20 @@ class DrivetrainConfig(Section):
     )
 
 
+def periods_behind(config: DrivetrainConfig, period_ns: int) -> int:
+    """Return how many periods a freed force is older than the newest sample."""
+    return _half_window(period_ns) + _waiting(config, period_ns)
+
+
+def _half_window(period_ns: int) -> int:
+    return max(1, round(HALF_WINDOW_NS / period_ns))
+
+
+def _waiting(config: DrivetrainConfig, period_ns: int) -> int:
+    """Return how many periods a position waits for the torque that lags it."""
+    return math.ceil(1e6 * config.torque_lag_ms / period_ns)
+
+
 class Drivetrain:
     """Frees a motor's force of what friction and mass take of it; allocates nothing.
 
@@ -47,8 +61,8 @@ class Drivetrain:
         self._coulomb, self._viscous = config.coulomb_friction, config.viscous_friction
         self._mass = config.mass
         self._slow = SLOW_SHARE * velocity_max
-        self._half = max(1, round(HALF_WINDOW_NS / period_ns))
-        self._late = math.ceil(1e6 * config.torque_lag_ms / period_ns)
+        self._half = _half_window(period_ns)
+        self._late = _waiting(config, period_ns)
         size = 2 * self._half + 1 + self._late
         self._weights = _triangle(size, self._half, 1e6 * config.torque_lag_ms / period_ns)
         self._positions, self._forces = [0.0] * size, [0.0] * size

@@ -54,7 +54,7 @@ def lag(
     write: Write = False,
     as_json: Json = False,
 ) -> None:
-    """Find the force's lag behind position by a recording of pressing on a spring."""
+    """Find the lag of the force, or of the drive's torque, by pressing on a spring."""
     from teleop_rt_drivers.calibration.work import calibrate_lag  # noqa: PLC0415 - as above
 
     calibrate_lag(rig_file, recording, damping, write=write, as_json=as_json)

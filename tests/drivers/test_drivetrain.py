@@ -24,6 +24,7 @@ from teleop_rt_drivers.calibration.rig_file import with_values
 from teleop_rt_drivers.calibration.weights import CalibrationError
 from teleop_rt_drivers.doctor import examine_axis
 from teleop_rt_drivers.drivetrain import Drivetrain, DrivetrainConfig
+from teleop_rt_drivers.rig_text import rig_text
 from teleop_rt_drivers.simulated.reference import environment_force
 
 FILE = RIGS / "simulated_canopen_drive.yaml"
@@ -107,6 +108,42 @@ def test_a_run_calibrates_its_drivetrain_and_the_same_run_twice_changes_nothing(
     code, _, err = call("calibrate", "drivetrain", rig, tmp_path / "before")
     assert code == 2
     assert "give the run's folder" in err
+
+
+@pytest.mark.parametrize("drive", ["canopen", "odrive"])
+def test_a_spring_calibrates_the_lag_of_a_drive_s_torque(drive, tmp_path, call):
+    """The simulated drives report the mean of a millisecond: half of that late."""
+    rig = tmp_path / "rig.yaml"
+    text = rig_text(drive, "unix", "drive", None)
+    (line,) = (one for one in text.splitlines() if "torque_lag_ms" in one)
+    assert "force_lag_ms: 5" in text
+    rig.write_text(text.replace(line, line.replace("0.5", "0.0")).replace(
+        "force_lag_ms: 5", "force_lag_ms: 4"
+    ))  # fmt: skip
+    assert load_rig(rig, registry.AXIS_SCHEMAS).sensors.force_lag_ms == 4.0
+    # A mass that is taken off half a millisecond late leaves up to 5 N of force in free air.
+    felt = ("contact.onset_force_N=8", "contact.release_force_N=5", "operator.felt_force_N=8")
+    spring = ("plant.environment.damping_N_s_per_m=0", f"rig={rig}", *felt)
+    run(trial(*spring, duration_s=8.0), made(tmp_path / "spring"))
+    recording = tmp_path / "spring" / "recording.mcap"
+    code, _, err = call("calibrate", "lag", rig, recording, "--write")
+    assert code == 0, err
+    found = load_rig(rig, registry.AXIS_SCHEMAS)
+    (written,) = re.findall(r"torque_lag_ms: (\S+)", rig.read_text())
+    assert float(written) == pytest.approx(0.5, abs=0.1)
+    assert found.sensors.force_lag_ms == 5.0
+    assert 0.0 < found.sensors.force_lag_deviation_ms < 0.12
+
+
+def test_a_run_that_never_presses_shows_no_torque_lag(tmp_path, call):
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(FILE.read_text())
+    air = ("plant.environment.surface_m=0.055", f"rig={rig}")
+    run(trial(*air, duration_s=2.0), made(tmp_path / "air"))
+    code, _, err = call("calibrate", "lag", rig, tmp_path / "air", "--write")
+    assert code == 2
+    assert "press on something elastic" in err
+    assert rig.read_text() == FILE.read_text()
 
 
 def made(folder):

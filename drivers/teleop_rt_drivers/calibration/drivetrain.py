@@ -1,4 +1,4 @@
-"""Friction and mass of a drivetrain, from what diagnosis finds in a recording of the rig."""
+"""Friction, mass and torque lag of a drivetrain, from recordings of the rig."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from teleop_rt_drivers.actuators.part import ActuatorPart
 from teleop_rt_drivers.calibration.weights import CalibrationError
 from teleop_rt_drivers.canopen.config import CanopenPart
-from teleop_rt_drivers.drivetrain import DrivetrainConfig
+from teleop_rt_drivers.drivetrain import DrivetrainConfig, periods_behind
 from teleop_rt_drivers.quantity import FROM_DRIVE
 from teleop_rt_drivers.registry import parts_of
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from teleop_rt.api.diagnosis import Diagnosis
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.calibration.rig_file import KeyPath
+    from teleop_rt_drivers.calibration.torque_lag import TorqueLag
 
 FOUND = {
     "coulomb_friction": ("friction_force", "coulomb_friction"),
@@ -33,8 +34,8 @@ def drivetrain_keys(rig: RigConfig, found: Diagnosis, recorded: RigConfig) -> di
     `recorded` is the rig as its file was during the run: the recorded force was freed of its
     drivetrain, so what is found is added to that, whatever the rig's file contains now.
     """
-    section, _ = _drivetrain(rig)
-    _, before = _drivetrain(recorded)
+    section, _ = drivetrain_of(rig)
+    _, before = drivetrain_of(recorded)
     values = before.model_dump()
     named = [effect for effect in found.effects if effect.name in FOUND]
     if not named:
@@ -58,7 +59,18 @@ def drivetrain_keys(rig: RigConfig, found: Diagnosis, recorded: RigConfig) -> di
     return keys
 
 
-def _drivetrain(rig: RigConfig) -> tuple[KeyPath, DrivetrainConfig]:
+def torque_lag_keys(rig: RigConfig, found: TorqueLag) -> dict[KeyPath, float]:
+    """Return the keys of the torque's lag, and of the force's, which is what the force waits."""
+    section, before = drivetrain_of(rig)
+    after = before.model_copy(update={"torque_lag_ms": found.torque_lag_ms})
+    return {
+        (*section, "torque_lag_ms"): found.torque_lag_ms,
+        ("sensors", "force_lag_ms"): 1e-6 * rig.period_ns * periods_behind(after, rig.period_ns),
+        ("sensors", "force_lag_deviation_ms"): found.deviation_ms,
+    }
+
+
+def drivetrain_of(rig: RigConfig) -> tuple[KeyPath, DrivetrainConfig]:
     """Return the place of the drivetrain in the rig's file, and what it says."""
     for name, part in parts_of(rig.axis).items():
         section = ("axis", "parts", name, "drivetrain") if name else ("axis", "drivetrain")

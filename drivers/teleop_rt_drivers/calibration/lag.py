@@ -44,7 +44,8 @@ def find_lag(recording: Path, damping: float) -> LagFit:
     found = dict(zip(names, values.tolist(), strict=True))
     if deviations is None or not found.get("k", math.nan) > 0.0:
         raise CalibrationError(
-            f"{recording}: no stiffness was found: press on a spring several times, 10 s or more"
+            f"{recording}: no stiffness was found: press on a spring several times, 10 s or more, "
+            "with contact.onset_force above what the force does in free air"
         )
     spread = dict(zip(names, deviations.tolist(), strict=True))
     k, excess = found["k"], found["b"] - damping

@@ -13,13 +13,14 @@ from typing import Any
 from teleop_rt.api.diagnosis import diagnose
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.config_rig import RigConfig
-from teleop_rt.trial.folder import TRIAL
+from teleop_rt.trial.folder import RECORDING, TRIAL
 from teleop_rt_drivers.calibration.device import device_keys, fit_device
 from teleop_rt_drivers.calibration.device_motion import TOO_FAR, swing
-from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys
+from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys, drivetrain_of, torque_lag_keys
 from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
+from teleop_rt_drivers.calibration.torque_lag import find_torque_lag
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
 from teleop_rt_drivers.operator_device import device_transport, open_device_of
 from teleop_rt_drivers.pace import paced
@@ -75,8 +76,15 @@ def masses_of(text: str) -> list[float]:
 def calibrate_lag(
     file: Path, recording: Path, damping: float, *, write: bool, as_json: bool
 ) -> None:
-    """Find the force's lag by a recording; print, and write."""
-    load_rig(file, AXIS_SCHEMAS)
+    """Find the lag of the force, or of the drive's torque, by a recording; print, and write."""
+    rig = load_rig(file, AXIS_SCHEMAS)
+    recording = recording / RECORDING if recording.is_dir() else recording
+    if rig.axis.force_from_drive:
+        ran = _recorded(recording)
+        found = find_torque_lag(recording, drivetrain_of(ran)[1], ran, damping)
+        by_motor = torque_lag_keys(rig, found)
+        _finish(file, by_motor, asdict(found), write=write, as_json=as_json)
+        return
     fit = find_lag(recording, damping)
     keys: dict[KeyPath, float] = {
         ("sensors", "force_lag_ms"): fit.lag_ms,
