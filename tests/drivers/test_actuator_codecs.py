@@ -355,6 +355,15 @@ def test_moteus_commands_hold_limits_and_watchdog_and_ask_for_the_state(position
     assert (state, fault) == (("read", 0, (4.0,)), ("read", 0xF, (1.0,)))
 
 
+def test_a_moteus_brakes_by_standing_for_it_has_no_damping_without_stiffness():
+    """registers.md, 0x024: the scale of kd is limited to be no more than that of kp."""
+    (frame,) = moteus().brake()
+    _, (_, start, values), *_ = subframes(frame.data)
+    assert start == 0x20
+    assert math.isnan(values[0])
+    assert values[1:5] == (0.0, 0.0, 1.0, 1.0)
+
+
 @given(FLOATS, FLOATS, FLOATS, st.sampled_from([0, 1, 5, 10, 11]), st.integers(0, 48))
 def test_moteus_answers_are_read_with_their_padding(position, velocity, torque, mode, fault):
     body = b"\x2c\x04\x00" + struct.pack("<ffff", mode, position, velocity, torque)

@@ -79,8 +79,11 @@ class MoteusCodec:
         return self._command(position, velocity, 0.0, 1.0, 1.0)
 
     def brake(self) -> Frames:
-        """Return position mode that damps alone: no stiffness, no velocity."""
-        return self._command(math.nan, 0.0, 0.0, 0.0, 1.0)
+        """Return position mode that stands: at its own position, not at one that was reported.
+
+        It cannot damp alone: its scale of kd counts up to that of kp (registers.md, 0x024).
+        """
+        return self._command(math.nan, 0.0, 0.0, 1.0, 1.0)
 
     def push(self, torque: float) -> Frames:
         """Return position mode with a torque alone."""

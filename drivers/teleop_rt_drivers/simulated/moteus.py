@@ -14,11 +14,22 @@ from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 LEAD = 0.01
 """Rig units of position per turn."""
 TORQUE_PER_FORCE = LEAD / 6.283185307179586
-DAMPING = 2500.0
-"""Of its loop where only kd acts [N s/m]."""
 MODEL, FIRMWARE = 0x0105, 0x010304
 WIDE, EXTENDED = 0x4000_0000, 0x8000_0000
+DEFAULT_TIMEOUT_S = 0.1
+"""`servo.default_timeout_s`, which a time-out of 0 or none means."""
 FORMATS = ("b", "h", "i", "f")
+WHOLE = {"b": 0, "h": 1, "i": 2}
+TURNS, TURNS_PER_S, NM = (0.01, 1e-4, 1e-5), (0.1, 2.5e-4, 1e-5), (0.5, 0.01, 1e-3)
+VOLTS, CELSIUS, SECONDS = (0.5, 0.1, 1e-3), (1.0, 0.1, 1e-3), (0.01, 1e-3, 1e-6)
+SCALES = {"b": 1.0 / 127, "h": 1.0 / 32767, "i": 1.0 / (2**31 - 1)}
+UNITS = {
+    1: TURNS, 2: TURNS_PER_S, 3: NM, 0xD: VOLTS, 0xE: CELSIUS, 0x20: TURNS, 0x21: TURNS_PER_S,
+    0x22: NM, 0x23: tuple(SCALES.values()), 0x24: tuple(SCALES.values()), 0x25: NM, 0x26: TURNS,
+    0x27: SECONDS, 0x28: TURNS_PER_S,
+}  # fmt: skip
+"""What one count of a register is as int8, int16 and int32; 1 of those that are not here."""
+VOLTAGE, TEMPERATURE = 12.0, 20.0
 
 
 class SimulatedMoteus(MakersDrive):
@@ -31,6 +42,7 @@ class SimulatedMoteus(MakersDrive):
         """Set the state in which the drive is delivered."""
         self._mode = self._fault = 0
         self._valid_until_ns = 0
+        self._stands = False
 
     @property
     def enabled(self) -> bool:
@@ -74,7 +86,8 @@ class SimulatedMoteus(MakersDrive):
                 layout = struct.Struct(f"<{count}{code}")
                 values = layout.unpack_from(data, at)
                 at += layout.size
-                commands |= {start + place: value for place, value in enumerate(values)}
+                for register, value in enumerate(values, start):
+                    commands[register] = meant(register, code, value)
             elif kind < 0x20:
                 if commands:
                     self._obey(commands, now_ns)
@@ -98,19 +111,21 @@ class SimulatedMoteus(MakersDrive):
         if self._mode != 10:
             self._mode = 10
             self._plant.hold()
-        valid_s = commands.get(0x27, math.nan)
-        self._valid_until_ns = now_ns + (round(valid_s * 1e9) if valid_s == valid_s else 2**62)  # noqa: PLR0124 - not a number
+        valid_s = commands.get(0x27, 0.0) or DEFAULT_TIMEOUT_S
+        self._valid_until_ns = now_ns + (2**62 if math.isnan(valid_s) else round(valid_s * 1e9))
         self._move(commands)
 
     def _move(self, commands: dict[int, float]) -> None:
-        position, velocity = commands.get(0x20, 0.0), commands.get(0x21, 0.0)
-        if commands.get(0x23, 1.0) > 0.0 and not math.isnan(position):
-            self._plant.follow(position * LEAD, self._period_s)
-        elif commands.get(0x24, 1.0) > 0.0:
-            x = self._plant.position
-            self._plant.impede(x, velocity * LEAD, 0.0, DAMPING, self._period_s)
-        else:
+        """Act as in position mode; the scale of kd counts up to that of kp alone."""
+        position = commands.get(0x20, 0.0)
+        stood, self._stands = self._stands, math.isnan(position)
+        if commands.get(0x23, 1.0) == 0.0:
+            self._stands = False
             self._plant.push(commands.get(0x22, 0.0) / TORQUE_PER_FORCE)
+        elif not self._stands:
+            self._plant.follow(position * LEAD, self._period_s)
+        elif not stood:
+            self._plant.hold()
 
     def _answered(self, kind: int, code: str, start: int, count: int) -> bytes:
         torque = self._plant.servo_force * TORQUE_PER_FORCE if self.enabled else 0.0
@@ -119,15 +134,21 @@ class SimulatedMoteus(MakersDrive):
             1: self._plant.reported_position / LEAD,
             2: self._plant.velocity / LEAD,
             3: torque,
+            0xD: VOLTAGE,
+            0xE: TEMPERATURE,
             0xF: self._fault,
             0x100: MODEL,
             0x101: FIRMWARE,
         }
         values = [registers[register] for register in range(start, start + count)]
         if code != "f":
-            values = [int(value) for value in values]
+            values = [
+                round(value / unit_of(register, code))
+                for register, value in enumerate(values, start)
+            ]
         place = bytes((start,)) if start < 0x80 else bytes((start & 0x7F | 0x80, start >> 7))
-        return bytes((kind + 0x10, count)) + place + struct.pack(f"<{count}{code}", *values)
+        head = bytes((kind + 0x10 + count,) if count < 4 else (kind + 0x10, count))
+        return head + place + struct.pack(f"<{count}{code}", *values)
 
     def _answer(self, answer: bytes) -> None:
         size = next(size for size in (8, 12, 16, 20, 24, 32, 48, 64) if size >= len(answer))
@@ -144,3 +165,17 @@ class SimulatedMoteus(MakersDrive):
     def due_ns(self, now_ns: int) -> int:
         """Return a time soon enough for the watchdog."""
         return now_ns + 5_000_000
+
+
+def unit_of(register: int, code: str) -> float:
+    """Return what a count of a register is in a format of whole numbers."""
+    return UNITS[register][WHOLE[code]] if register in UNITS else 1.0
+
+
+def meant(register: int, code: str, value: float) -> float:
+    """Return the value of a register in its unit; not a number for the least whole number."""
+    if code == "f":
+        return value
+    if value == -(2 ** (8 * struct.calcsize(code) - 1)):
+        return math.nan
+    return value * unit_of(register, code)
