@@ -32,6 +32,8 @@ def legend(figure: Figure, axes: Axes) -> None:
 
 def save(figure: Figure, folder: Path, name: str) -> str:
     """Write NAME.png, NAME.svg and NAME.pdf, the same bytes each time; return the name."""
+    figure.draw_without_rendering()  # places the panels once: each `savefig` would do it again
+    figure.set_layout_engine(None)
     figure.savefig(folder / f"{name}.png", dpi=120, metadata={"Software": None})
     with mpl.rc_context({"svg.hashsalt": "teleop-rt", "svg.fonttype": "none"}):
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
