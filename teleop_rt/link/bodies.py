@@ -1,4 +1,4 @@
-"""Bodies of messages as records: what `messages` packs, for kernels that write each field."""
+"""Bodies of messages as records: what `codec` packs, for kernels that write each field."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOTION = np.dtype(
 
 
 def new_state() -> StoredState:
-    """Return the body of a state (1,), all zeros: its bytes are those of `messages.encode`."""
+    """Return the body of a state (1,), all zeros: its bytes are those of `codec.encode`."""
     return np.zeros(1, np.dtype((np.record, _STATE)))
 
 

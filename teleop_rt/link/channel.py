@@ -15,17 +15,8 @@ from typing import Literal
 from teleop_rt.jit import entry_point
 from teleop_rt.link import intake
 from teleop_rt.link.bodies import NewestMotion
-from teleop_rt.link.handshake import Answerer, Budget, Caller
-from teleop_rt.link.keys import Keys
-from teleop_rt.link.messages import (
+from teleop_rt.link.codec import (
     HEADER_BYTES,
-    Kind,
-    Message,
-    MessageError,
-    ModelMessage,
-    MotionMessage,
-    StateMessage,
-    Taken,
     decode,
     decode_header,
     encode,
@@ -33,6 +24,17 @@ from teleop_rt.link.messages import (
     kind_of,
     read_motion,
     read_state,
+)
+from teleop_rt.link.handshake import Answerer, Budget, Caller
+from teleop_rt.link.keys import Keys
+from teleop_rt.link.messages import (
+    Kind,
+    Message,
+    MessageError,
+    ModelMessage,
+    MotionMessage,
+    StateMessage,
+    Taken,
 )
 from teleop_rt.link.noise import TAG_BYTES, Body
 from teleop_rt.link.peer_clock import PeerClock

@@ -23,8 +23,9 @@ from struct import Struct
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
+from teleop_rt.link.codec import HEADER_BYTES, encode_header
 from teleop_rt.link.keys import Keys, PeerKey
-from teleop_rt.link.messages import HEADER_BYTES, Header, Kind, MessageError, encode_header
+from teleop_rt.link.messages import Header, Kind, MessageError
 from teleop_rt.link.noise import DH_BYTES, TAG_BYTES, Initiator, NoiseError, Responder
 from teleop_rt.link.session import Session
 from teleop_rt.link.transport import Address

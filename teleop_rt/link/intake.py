@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from teleop_rt.jit import kernel
-from teleop_rt.link import messages
+from teleop_rt.link import codec
 from teleop_rt.link.messages import Kind
 from teleop_rt.link.noise import TAG_BYTES
 from teleop_rt.link.peer_clock import FARTHEST_NS, TRANSIT, UNDATED, age_of, exchange
@@ -64,16 +64,16 @@ PROBLEMS = ("", "length", "magic", "version", "kind", "not finite", "flag", "ech
 ECHO_SHIFT, REFUSED = 8, 0xFF
 """An impossible echo is reported above the bits of a refusal: the rest of a packet may be fine."""
 
-_LEAST_BYTES = messages.HEADER_BYTES + TAG_BYTES
+_LEAST_BYTES = codec.HEADER_BYTES + TAG_BYTES
 _HEADER_BYTES, _MAGIC_WORD, _VERSION_BYTE = (
-    messages.HEADER_BYTES,
-    int.from_bytes(messages.MAGIC, "little"),
-    messages.VERSION,
+    codec.HEADER_BYTES,
+    int.from_bytes(codec.MAGIC, "little"),
+    codec.VERSION,
 )
 _MOTION, _STATE, _TAKEN = int(Kind.MOTION), int(Kind.STATE), int(Kind.TAKEN)
 _NUMBERS = 5
 """Floating-point numbers that a motion and a state begin with; a contact's number follows."""
-_MOTION_BYTES, _STATE_BYTES = messages.MOTION_BYTES, messages.STATE_BYTES
+_MOTION_BYTES, _STATE_BYTES = codec.MOTION_BYTES, codec.STATE_BYTES
 _FLAGS_AT = 8 * (_NUMBERS + 1)
 _STATE_CODES = (_FLAGS_AT + 2, _FLAGS_AT + 4)
 """Bytes of a state that are codes and no flags: safety state and fault."""

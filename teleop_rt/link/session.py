@@ -9,7 +9,8 @@ import numpy as np
 
 from teleop_rt.jit import kernel
 from teleop_rt.link import noise
-from teleop_rt.link.messages import HEADER_BYTES, MessageError
+from teleop_rt.link.codec import HEADER_BYTES
+from teleop_rt.link.messages import MessageError
 from teleop_rt.link.noise import Body, CipherState, NoiseError
 from teleop_rt.link.transport import Address
 

@@ -11,8 +11,9 @@ from collections.abc import Callable
 from typing import get_args
 
 from teleop_rt.link.channel import Endpoint, Role
+from teleop_rt.link.codec import decode, encode
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import Kind, MotionMessage, StateMessage, decode, encode
+from teleop_rt.link.messages import Kind, MotionMessage, StateMessage
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row
 

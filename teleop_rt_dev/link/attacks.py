@@ -6,13 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_rt.link.messages import (
-    HEADER_BYTES,
-    MotionMessage,
-    decode_header,
-    encode,
-    encode_header,
-)
+from teleop_rt.link.codec import HEADER_BYTES, decode_header, encode, encode_header
+from teleop_rt.link.messages import MotionMessage
 from teleop_rt.link.noise import Initiator, Keys, Responder
 from teleop_rt.link.session import Session
 from teleop_rt_dev.link.pair import Pair

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.codec import decode_header
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import MotionMessage, StateMessage, decode_header
+from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.sessions import RECONNECT_AFTER_NS, SLOWEST_LINK_NS
 from teleop_rt_dev.link.pair import KEY, MS
 

@@ -1,7 +1,8 @@
 from __future__ import annotations
 
+from teleop_rt.link.codec import decode_header
 from teleop_rt.link.impairment import Impairment
-from teleop_rt.link.messages import Kind, MotionMessage, decode_header
+from teleop_rt.link.messages import Kind, MotionMessage
 from teleop_rt_dev.link.attacks import attack
 from teleop_rt_dev.link.pair import MS, Pair
 

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.link import intake
-from teleop_rt.link.messages import Header, Kind, MessageError, decode, decode_header, encode_header
+from teleop_rt.link.codec import decode, decode_header, encode_header
+from teleop_rt.link.messages import Header, Kind, MessageError
 from teleop_rt.link.peer_clock import FARTHEST_NS, FUTURE_NS, PeerClock
 from teleop_rt.link.statistics import Statistics
 

@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_rt.link.messages import (
+from teleop_rt.link.codec import (
     HEADER_BYTES,
     MODEL_CODES,
+    decode,
+    decode_header,
+    encode,
+    encode_header,
+    kind_of,
+)
+from teleop_rt.link.messages import (
     Header,
     Kind,
     MessageError,
@@ -18,11 +25,6 @@ from teleop_rt.link.messages import (
     MotionMessage,
     StateMessage,
     Taken,
-    decode,
-    decode_header,
-    encode,
-    encode_header,
-    kind_of,
 )
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

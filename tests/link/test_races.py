@@ -8,10 +8,11 @@ import pytest
 
 from teleop_rt.link import sessions
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.codec import decode_header
 from teleop_rt.link.handshake import Caller
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import PeerKey, shared_key
-from teleop_rt.link.messages import Kind, MotionMessage, StateMessage, decode_header
+from teleop_rt.link.messages import Kind, MotionMessage, StateMessage
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 

@@ -6,6 +6,7 @@ import pytest
 
 from teleop_rt.link import sessions
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.codec import HEADER_BYTES, decode_header
 from teleop_rt.link.handshake import (
     ADDRESSES,
     HANDSHAKES_PER_S,
@@ -16,7 +17,7 @@ from teleop_rt.link.handshake import (
 )
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import PeerKey, shared_key
-from teleop_rt.link.messages import HEADER_BYTES, Kind, MotionMessage, StateMessage, decode_header
+from teleop_rt.link.messages import Kind, MotionMessage, StateMessage
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.link.troubles import TROUBLES
 from teleop_rt_dev.link.pair import KEY, MS, Pair

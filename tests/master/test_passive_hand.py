@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from master_world import CONFIG, KEY, LIMITS, PERIOD_NS, SteppedClock
 
 from teleop_rt.link.channel import Endpoint
+from teleop_rt.link.codec import MODEL_CODES
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import MODEL_CODES, ModelMessage, StateMessage
+from teleop_rt.link.messages import ModelMessage, StateMessage
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.master.master import Master
 

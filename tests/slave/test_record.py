@@ -5,7 +5,8 @@ import struct
 import pytest
 
 from teleop_rt.link.bodies import NewestMotion, new_state
-from teleop_rt.link.messages import Kind, MotionMessage, StateMessage, decode, encode
+from teleop_rt.link.codec import decode, encode
+from teleop_rt.link.messages import Kind, MotionMessage, StateMessage
 from teleop_rt.slave.record import CAME_IN, Tick, TickRecord
 from teleop_rt.slave.step import hear
 
