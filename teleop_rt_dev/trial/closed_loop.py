@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.cli.wiring import open_bench
+from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.trial.folder import write_json, write_trial
@@ -29,9 +30,9 @@ def run_into(folder: Path, *changes: str, file: Path = FOAM) -> dict[str, Any]:
     return summary
 
 
-def closed(out: Path, *changes: str) -> dict[str, Any]:
+def closed(out: Path, *changes: str, library: tuple[Effect, ...] = LIBRARY) -> dict[str, Any]:
     """Close the loop over the foam's trial with these overrides and return the answer."""
     return close_loop(
         load(FOAM, *changes), "kelvin-voigt",
-        lambda more, into: run_into(into, *changes, *more), LIBRARY, out,
+        lambda more, into: run_into(into, *changes, *more), library, out,
     )  # fmt: skip

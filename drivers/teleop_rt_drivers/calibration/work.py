@@ -97,14 +97,14 @@ def calibrate_drivetrain(
     file: Path, recording: Path, base: str, *, write: bool, as_json: bool
 ) -> None:
     """Find friction and mass between motor and tool by a recording; print, and write."""
-    rig = load_rig(file, AXIS_SCHEMAS)
+    rig, recorded = load_rig(file, AXIS_SCHEMAS), _recorded(recording)
     found = diagnose(recording, base)
     results = {
         f"{effect.name}.{name}": parameter.value
         for effect in found.effects
         for name, parameter in effect.parameters.items()
     }
-    keys = drivetrain_keys(rig, found, _recorded(recording))
+    keys = drivetrain_keys(rig, found, recorded)
     _finish(file, keys, {"verdict": found.verdict, **results}, write=write, as_json=as_json)
 
 
