@@ -22,13 +22,19 @@ settings.load_profile("same draws")
 
 
 LONGEST = (
-    *("trial/test_close_loop", "diagnosis/test_diagnose", "trial/test_lockstep_trial"),
-    *("study/test_delay", "test_package", "view/test_live", "test_offline_commands"),
-    *("diagnosis/test_foreign", "faults/test_every_row", "view/test_in_browser"),
-    *("diagnosis/test_filtered", "slave/test_first_contact_with_slave", "test_schema"),
-    *("master/test_closed_loop", "diagnosis/test_discrepancy", "slave/test_supervision"),
+    *("trial/test_close_loop", "study/test_delay", "trial/test_lockstep_trial"),
+    *("test_package", "view/test_live", "drivers/test_drivetrain", "diagnosis/test_foreign"),
+    *("diagnosis/test_diagnose", "view/test_in_browser", "master/test_closed_loop"),
+    *("faults/test_every_row", "diagnosis/test_discrepancy", "study/test_chapter4"),
+    *("diagnosis/test_filtered", "test_offline_commands", "drivers/test_operator_device"),
+    *("trial/test_close_loop_command", "api/test_notebook", "slave/test_first_contact_with_slave"),
+    *("slave/test_supervision", "drivers/test_trial_on_every_rig", "trial/test_exit_code"),
 )
-"""Modules of 65 to 12 s of processor time, which begin first: no core then waits for one alone."""
+"""Modules of 60 to 9 s of processor time, which begin first: no core then waits for one alone.
+
+One of diagnosis is the first and the others come later: from an empty cache it compiles for half a
+minute what they all need, and beside each other each would.
+"""
 
 
 def pytest_collection_modifyitems(items):
