@@ -14,6 +14,7 @@ from teleop_rt.estimation import layout, selection, watch
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank_kernels import bank_step
+from teleop_rt.estimation.contact_edges import end_excursion
 from teleop_rt.estimation.physical import NONE, deviation_known, surely_positive
 from teleop_rt.estimation.row_equations import (
     fill_algebraic,
@@ -23,7 +24,7 @@ from teleop_rt.estimation.row_equations import (
     predict,
     predict_by,
 )
-from teleop_rt.estimation.sensing import end_excursion, sense
+from teleop_rt.estimation.sensing import sense
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]

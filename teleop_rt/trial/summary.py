@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.metrics import lag_s, nrmse
-from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
 from teleop_rt.trial.estimators import Replayed, replay_estimators
@@ -24,18 +23,14 @@ from teleop_rt.trial.felt_force import (
     rows_to_compare,
 )
 from teleop_rt.trial.folder import RECORDING, began_at
-from teleop_rt.trial.grades import POOR_NRMSE, grades, selected_nrmse
-from teleop_rt.trial.late import cause
+from teleop_rt.trial.grades import grades
 from teleop_rt.trial.software import software
+from teleop_rt.trial.summary_notes import all_notes
 from teleop_rt.trial.true_port import true_port
 from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
 
 Array = NDArray[np.float64]
 _LAG_MARGIN_S = 0.5
-_UNCOUPLED = (
-    ("freezes", "silence on the link froze the master's target"),
-    ("declutches", "the master declutched and let the force fade"),
-)
 
 _HANDLE = HANDLE_TRUTH_TOPIC
 _SIGNALS = {
@@ -79,6 +74,7 @@ def summarise(
     truth = read_truth(folder)
     replayed = replay_estimators(trial, slave)
     ticks = slave.get("tick", np.empty(0))
+    adequacy, duration_s = _adequacy(slave), _duration_s(slave)
     summary = {
         "trial": trial.name,
         "began_at": began_at(folder),
@@ -86,7 +82,7 @@ def summarise(
         "clock": outcome["clock"],
         "seed": trial.seed,
         "start_up_s": _start_up_s(slave, outcome.get("began_ns")),
-        "duration_s": _duration_s(slave),
+        "duration_s": duration_s,
         "interrupted": bool(outcome.get("interrupted")),
         "ticks": int(ticks.size),
         "missed_ticks": outcome["missed_ticks"],
@@ -96,7 +92,7 @@ def summarise(
         "contact": _contact(trial, slave, truth, replayed),
         "estimators": replayed.estimators,
         "selected": replayed.selected,
-        "adequacy": _adequacy(slave),
+        "adequacy": adequacy,
         "link": outcome["link"],
         "master": judge_felt_force(trial, master, truth, environment_force)
         | {"rendering": outcome["rendering"], "late": outcome.get("master_late")}
@@ -104,67 +100,9 @@ def summarise(
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
-        "notes": notes_of(outcome, replayed)
-        + _structure(_adequacy(slave))
-        + _steps(trial, slave)
-        + _interrupted(trial, slave, outcome),
+        "notes": all_notes(trial, slave, outcome, replayed, adequacy, duration_s),
     }
     return summary | {"grades": grades(summary)}
-
-
-def _interrupted(
-    trial: TrialConfig, slave: Mapping[str, Any], outcome: Mapping[str, Any]
-) -> list[str]:
-    if not outcome.get("interrupted"):
-        return []
-    return [f"interrupted after {_duration_s(slave):.2f} s of {trial.duration_s:g} s"]
-
-
-def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
-    """Return what a reader must know before trusting the figures."""
-    notes = list(of_recorder(outcome["recorder"]))
-    notes += [line for line in outcome.get("privileges", ()) if ": refused (" in line]
-    if refused := (outcome["link"].get("master") or {}).get("rejected"):
-        notes.append(f"the master refused {refused} packets: see link.master in summary.json")
-    if (late := outcome.get("master_late")) is not None and late["stop"] is not None:
-        notes.append(f"the master was late, and stopped the device if there is one: {cause(late)}")
-    rendering = outcome["rendering"] or {}
-    for key, what in _UNCOUPLED:
-        if count := rendering.get("engagement", {}).get(key):
-            notes.append(f"{what} {count} times: see log.jsonl")
-    if count := sum(rendering.get("refused_models", {}).values()):
-        where = "see master.rendering.refused_models in summary.json"
-        notes.append(f"the master refused {count} models: {where}")
-    passivity = rendering.get("passivity")
-    if passivity and passivity["missing_J"] > 0:
-        what = f"a contact gave the hand {passivity['missing_J']:.3g} J more than the tank holds"
-        notes.append(f"{what}: the device's own damping had to take it")
-    notes += _of_handle(rendering.get("handle"))
-    if rendering.get("state") == "WAITING" and not rendering.get("engagement", {}).get(
-        "engagements"
-    ):
-        notes.append("the master never engaged: nothing was rendered")
-    error = selected_nrmse({"estimators": replayed.estimators, "selected": replayed.selected})
-    if error is not None and error > POOR_NRMSE:
-        notes.append(
-            f"the selected model misses the force by {100 * error:.0f} % of its range: "
-            "do not trust its parameters"
-        )
-    return notes
-
-
-def _of_handle(handle: Mapping[str, Any] | None) -> list[str]:
-    """Return what happened to the operator's device."""
-    if handle is None:
-        return []
-    notes = []
-    if (fault := handle["fault"])["code"]:
-        notes.append(f"{fault['name']}: {fault['cause']}; {fault['next_step']}")
-    if count := handle["softenings"]:
-        notes.append(f"the operator's device oscillated: walls were rendered softer {count} times")
-    if handle["leash_slipped"]:
-        notes.append("the hand pushed through the leash: it led the slave by more than leash_mm")
-    return notes
 
 
 def _adequacy(slave: Mapping[str, Array]) -> dict[str, Any]:
@@ -183,30 +121,6 @@ def _adequacy(slave: Mapping[str, Array]) -> dict[str, Any]:
         ),
         "share_of_contact": int(np.count_nonzero(flags & contact)) / touched if touched else None,
     }
-
-
-def _structure(adequacy: Mapping[str, Any]) -> list[str]:
-    if not adequacy["inadequate"]:
-        return []
-    return [
-        "model inadequate: structure is left in the force; teleop-rt diagnose names what it lacks"
-    ]
-
-
-def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
-    """Return the note that a diagnosis of the recording gives, too, where the motion has steps."""
-    if not slave or not np.any(slave["in_contact"] > 0):
-        return []
-    from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION  # noqa: PLC0415 - no daemon waits for it
-    from teleop_rt.diagnosis.recordings.recording import MIN_SAMPLES  # noqa: PLC0415 - as above
-    from teleop_rt.diagnosis.samples.smoothing import moves_in_steps  # noqa: PLC0415 - as above
-
-    fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
-    position = slave["position"][fresh]
-    if position.size < MIN_SAMPLES:
-        return []
-    found = moves_in_steps(position, slave["force"][fresh], trial.rig.period_ns * 1e-9)
-    return [STEPS_OF_MOTION] if found else []
 
 
 def _duration_s(slave: Mapping[str, Array]) -> float:

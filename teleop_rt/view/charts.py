@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from teleop_rt.view.style import Style
 
 Array = NDArray[np.float64]
+TIME = "time [s]"
+NEAR, WHOLE = "near", "whole"
+"""Names of the two linked time axes: of a few swings, and of the whole run."""
 Limits = tuple[float, float]
 
 

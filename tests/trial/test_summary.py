@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_rt.trial import summary
+from teleop_rt.trial import summary_notes
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.felt_force import rows_to_compare
 
@@ -28,7 +28,7 @@ def outcome(**changes):
 
 
 def test_nothing_is_noted_of_a_run_in_good_order():
-    assert summary.notes_of(outcome(), replayed()) == []
+    assert summary_notes.notes_of(outcome(), replayed()) == []
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_nothing_is_noted_of_a_run_in_good_order():
     ],
 )
 def test_what_spoils_the_figures_is_noted(changes, nrmse, words):
-    (note,) = summary.notes_of(outcome(**changes), replayed(nrmse))
+    (note,) = summary_notes.notes_of(outcome(**changes), replayed(nrmse))
     assert words in note
 
 
@@ -64,7 +64,7 @@ def test_rows_that_were_not_recorded_leave_a_gap_and_no_false_step():
 
 def test_a_master_that_engaged_and_waits_at_the_end_is_not_said_never_to_have():
     rendering = {"state": "WAITING", "engagement": {"engagements": 1}}
-    assert summary.notes_of(outcome(rendering=rendering), replayed()) == []
+    assert summary_notes.notes_of(outcome(rendering=rendering), replayed()) == []
 
 
 def test_what_the_master_renders_after_the_slaves_last_tick_is_not_judged():

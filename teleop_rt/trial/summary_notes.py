@@ -1,0 +1,105 @@
+"""Notes of a trial's summary: what its numbers alone do not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.realtime.alarms import of_recorder
+from teleop_rt.trial.estimators import Replayed
+from teleop_rt.trial.grades import POOR_NRMSE, selected_nrmse
+from teleop_rt.trial.late import cause
+
+Array = NDArray[np.float64]
+STRUCTURE = (
+    "model inadequate: structure is left in the force; teleop-rt diagnose names what it lacks"
+)
+_UNCOUPLED = (
+    ("freezes", "silence on the link froze the master's target"),
+    ("declutches", "the master declutched and let the force fade"),
+)
+
+
+def all_notes(
+    trial: TrialConfig,
+    slave: Mapping[str, Array],
+    outcome: Mapping[str, Any],
+    replayed: Replayed,
+    adequacy: Mapping[str, Any],
+    duration_s: float,
+) -> list[str]:
+    """Return the notes of a run that went on for `duration_s`."""
+    notes = notes_of(outcome, replayed)
+    if adequacy["inadequate"]:
+        notes.append(STRUCTURE)
+    notes += _steps(trial, slave)
+    if outcome.get("interrupted"):
+        notes.append(f"interrupted after {duration_s:.2f} s of {trial.duration_s:g} s")
+    return notes
+
+
+def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
+    """Return what a reader must know before trusting the figures."""
+    notes = list(of_recorder(outcome["recorder"]))
+    notes += [line for line in outcome.get("privileges", ()) if ": refused (" in line]
+    if refused := (outcome["link"].get("master") or {}).get("rejected"):
+        notes.append(f"the master refused {refused} packets: see link.master in summary.json")
+    if (late := outcome.get("master_late")) is not None and late["stop"] is not None:
+        notes.append(f"the master was late, and stopped the device if there is one: {cause(late)}")
+    rendering = outcome["rendering"] or {}
+    for key, what in _UNCOUPLED:
+        if count := rendering.get("engagement", {}).get(key):
+            notes.append(f"{what} {count} times: see log.jsonl")
+    if count := sum(rendering.get("refused_models", {}).values()):
+        where = "see master.rendering.refused_models in summary.json"
+        notes.append(f"the master refused {count} models: {where}")
+    passivity = rendering.get("passivity")
+    if passivity and passivity["missing_J"] > 0:
+        what = f"a contact gave the hand {passivity['missing_J']:.3g} J more than the tank holds"
+        notes.append(f"{what}: the device's own damping had to take it")
+    notes += _of_handle(rendering.get("handle"))
+    if rendering.get("state") == "WAITING" and not rendering.get("engagement", {}).get(
+        "engagements"
+    ):
+        notes.append("the master never engaged: nothing was rendered")
+    error = selected_nrmse({"estimators": replayed.estimators, "selected": replayed.selected})
+    if error is not None and error > POOR_NRMSE:
+        notes.append(
+            f"the selected model misses the force by {100 * error:.0f} % of its range: "
+            "do not trust its parameters"
+        )
+    return notes
+
+
+def _of_handle(handle: Mapping[str, Any] | None) -> list[str]:
+    """Return what happened to the operator's device."""
+    if handle is None:
+        return []
+    notes = []
+    if (fault := handle["fault"])["code"]:
+        notes.append(f"{fault['name']}: {fault['cause']}; {fault['next_step']}")
+    if count := handle["softenings"]:
+        notes.append(f"the operator's device oscillated: walls were rendered softer {count} times")
+    if handle["leash_slipped"]:
+        notes.append("the hand pushed through the leash: it led the slave by more than leash_mm")
+    return notes
+
+
+def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
+    """Return the note that a diagnosis of the recording gives, too, where the motion has steps."""
+    if not slave or not np.any(slave["in_contact"] > 0):
+        return []
+    from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION  # noqa: PLC0415 - no daemon waits for it
+    from teleop_rt.diagnosis.recordings.recording import MIN_SAMPLES  # noqa: PLC0415 - as above
+    from teleop_rt.diagnosis.samples.smoothing import moves_in_steps  # noqa: PLC0415 - as above
+
+    fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
+    position = slave["position"][fresh]
+    if position.size < MIN_SAMPLES:
+        return []
+    found = moves_in_steps(position, slave["force"][fresh], trial.rig.period_ns * 1e-9)
+    return [STEPS_OF_MOTION] if found else []
