@@ -27,7 +27,7 @@ class Leash:
     def reset(self) -> None:
         """Let go."""
         self._anchor: float | None = None
-        self._limit = 0.0
+        self._limit = self._force = 0.0
         self.slipped = False
         self.longest = 0.0
 
@@ -37,11 +37,14 @@ class Leash:
         share = min(1.0, max(0.0, 2 * lead / self._length - 1))
         self._limit = max(share * self._force_max, self._limit - self._release_step)
         if self._limit <= 0.0:
-            self._anchor = None
+            self._anchor, self._force = None, 0.0
             return 0.0
         if self._anchor is None or hand < self._anchor:
             self._anchor = hand
+        if share == 0.0:
+            self._anchor = max(self._anchor, hand - self._force / self._stiffness)
         if self._stiffness * (hand - self._anchor) > self._limit:
             self._anchor = hand - self._limit / self._stiffness
             self.slipped = self.slipped or share == 1.0
-        return self._stiffness * (hand - self._anchor)
+        self._force = self._stiffness * (hand - self._anchor)
+        return self._force

@@ -98,7 +98,7 @@ class Master:
             port.delay_s, self._dt_s, capacity_J, allowance_W, damps=coupling is None
         )
         self.shaking = ShakeGuard(self._dt_s, port.damping)
-        brake, grip = config.leash_force / config.force_scale, 0.5 * self.limiter.stiffness_max
+        brake, grip = config.leash_force / config.force_scale, self.limiter.stiffness_max
         self.leash = Leash(1e-3 * config.leash_mm, brake, grip, self._dt_s)
         scale = config.position_scale
         low, high = (-math.inf, math.inf) if self._device is None else self._device.watch.travel
@@ -222,13 +222,16 @@ class Master:
         if self._device is None or self._coupling is not None:
             return 0.0
         force = self.ends.brake(hand, touches=self._touches)
+        leash = self.leash.update(hand, self._lead(hand, slave))
+        return max(force, leash) if force > 0.0 else force + leash
+
+    def _lead(self, hand: float, slave: StateMessage | None) -> float:
+        """Return by how much the hand leads the slave; 0 once the first touch is known."""
         if slave is None or self.engagement.state == LinkState.WAITING:
             self._waits_at = min(self._waits_at, hand)
-            return force + self.leash.update(hand, hand - self._waits_at)
+            return hand - self._waits_at
         self._waits_at = math.inf
-        if self.adoption.newest is not NO_WALL:
-            return force + self.leash.update(hand, 0.0)
-        return force + self.leash.update(hand, self.x - slave.position)
+        return 0.0 if self.adoption.newest is not NO_WALL else self.x - slave.position
 
     def _wanted_force(self) -> float:
         """Return the force of the walls, or of the coupling, before scaling and limits."""

@@ -46,3 +46,13 @@ def test_a_hand_that_leans_against_it_is_not_flung_when_the_slave_follows():
     assert max(steps) <= 40.0 * T / RELEASE_S * (1 + 1e-6)
     assert min(steps) >= 0.0
     assert forces[-1] == 0.0
+
+
+def test_a_hand_that_swings_while_the_brake_lets_go_is_not_held_again():
+    """To and fro it is a spring no more: each time that the hand goes back, less is left."""
+    leash, hand = pulled(0.05)
+    held = leash.update(hand, 0.05)
+    ways = [-0.001, 0.0, -0.001, 0.001]
+    forces = [leash.update(hand + way, 0.0) for way in ways]
+    assert all(after <= before for before, after in pairwise([held, *forces]))
+    assert forces[-1] < held - 9.0  # twice a millimetre of 5000 N/m
