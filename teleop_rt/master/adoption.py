@@ -11,6 +11,10 @@ A wall that arrives in the middle of a blend waits, the newest replacing the one
 takes the place of `new` as soon as that is affordable; until then w moves in the direction that
 releases energy, on the way to 0 or 1, where the exchange is free. So a blend that the tank
 cannot pay never blocks a later and cheaper wall.
+
+A wall that was placed so that its spring gives the force that is felt needs no blend: it is taken
+at once, or over what its damping changes. A hand that still goes deeper while such a wall is
+blended in meets a wall that is too soft, and soon stores more than the tank can pay.
 """
 
 from __future__ import annotations
@@ -22,6 +26,8 @@ from teleop_rt.master.walls import NO_WALL, Wall
 
 BLEND_S = 0.2
 """How long a blend takes that changes the force by its step or more: a hand rings at 4 to 10 Hz."""
+STARVED_S = 0.1
+"""A blend for which the tank has had nothing for so long is at a standstill."""
 
 
 class Tank:
@@ -67,11 +73,18 @@ class Adoption:
         self.old = self.new = NO_WALL
         self._waiting: Wall | None = None
         self.weight = 1.0
+        self._lasts_s = self._next_lasts_s = BLEND_S
+        self._starved_s = 0.0
 
     @property
     def newest(self) -> Wall:
         """The wall offered last."""
         return self.new if self._waiting is None else self._waiting
+
+    @property
+    def starved(self) -> bool:
+        """Whether the tank cannot pay for the blend, and has not for a while."""
+        return self.weight < 1 and self._starved_s > STARVED_S
 
     def holds(self, position: float) -> bool:
         """Return whether the hand is inside a wall that is rendered now."""
@@ -113,12 +126,14 @@ class Adoption:
             self._waiting = self._waiting.moved(dt_s, share)
         return work_J
 
-    def offer(self, wall: Wall) -> None:
-        """Take a wall to be adopted over the next ticks."""
+    def offer(self, wall: Wall, lasts_s: float = BLEND_S) -> None:
+        """Take a wall to be adopted over the next ticks: in `lasts_s`, or 0 as fast as may be."""
+        self._starved_s = 0.0
         if self.weight >= 1:
             self.old, self.new, self.weight = self.new, wall, 0.0
+            self._lasts_s = lasts_s
         else:
-            self._waiting = wall
+            self._waiting, self._next_lasts_s = wall, lasts_s
 
     def update(self, position: float, velocity: float, dt_s: float) -> float:
         """Move the blend as far as this tick allows, and return the force."""
@@ -161,6 +176,9 @@ class Adoption:
         """Put the waiting wall in the place of the new one if affordable; return the step left."""
         if self._waiting is None:
             return self._force_step
+        at_once = self._next_lasts_s == 0.0
+        if at_once and self._takes_over(self._waiting, position, velocity):
+            return 0.0
         change = self._clamp(self._waiting.force(position, velocity))
         change -= self._clamp(self.new.force(position, velocity))
         step = self.weight * abs(change)
@@ -171,7 +189,22 @@ class Adoption:
             return self._force_step
         self._pay(cost_J)
         self.new, self._waiting = self._waiting, None
+        self._lasts_s = self._next_lasts_s
         return self._force_step - step
+
+    def _takes_over(self, wall: Wall, position: float, velocity: float) -> bool:
+        """Render a wall alone if it pushes as what is rendered does, and the tank can pay for it.
+
+        Returns whether it is rendered now.
+        """
+        step = self._clamp(wall.force(position, velocity)) - self._force(position, velocity)
+        cost_J = self._energy(wall, position) - self.stored(position)
+        if abs(step) > self._force_step or cost_J > self.tank.level_J:
+            return False
+        self._pay(cost_J)
+        self.old = self.new = wall
+        self._waiting, self.weight = None, 1.0
+        return True
 
     def _blend(self, position: float, velocity: float, force_step: float, dt_s: float) -> None:
         difference = self._clamp(self.new.force(position, velocity))
@@ -181,7 +214,9 @@ class Adoption:
         room = self._unhurried(abs(difference), dt_s, backwards=backwards)
         if abs(difference) * room > force_step:
             room = force_step / abs(difference)
-        if cost_J * room > self.tank.level_J and not backwards:
+        starved = cost_J * room > self.tank.level_J and not backwards
+        self._starved_s = self._starved_s + dt_s if starved else 0.0
+        if starved:
             room = max(0.0, self.tank.level_J) / cost_J
         change = -room if backwards else room
         self._pay(change * cost_J)
@@ -189,13 +224,14 @@ class Adoption:
         if self._waiting is not None and self.weight in {0.0, 1.0}:
             self.old = self.new if self.weight else self.old
             self.new, self._waiting, self.weight = self._waiting, None, 0.0
+            self._lasts_s = self._next_lasts_s
 
     def _unhurried(self, difference: float, dt_s: float, *, backwards: bool) -> float:
-        """Return by how much the weight may move in a tick: along a cosine over `BLEND_S` or less.
+        """Return by how much the weight may move in a tick: along a cosine over a blend or less.
 
         Faster, a blend is a step for a hand on a wall, which then rings.
         """
-        lasts_s = BLEND_S * min(1.0, difference / self._force_step)
+        lasts_s = self._lasts_s * min(1.0, difference / self._force_step)
         if lasts_s <= dt_s:
             return self.weight if backwards else 1 - self.weight
         angle = math.acos(1 - 2 * self.weight)

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from teleop_rt.link.messages import ModelMessage, StateMessage
-from teleop_rt.master.adoption import Adoption
+from teleop_rt.master.adoption import BLEND_S, Adoption
 from teleop_rt.master.passivity import WallLimiter
 from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
@@ -14,6 +14,9 @@ from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.rhythm import Rhythm
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
+
+WITHDRAWN_S = 0.1
+"""How long a wall takes to be withdrawn where nothing is: it pushes a tool into the body behind."""
 
 
 class WallIntake:
@@ -76,6 +79,8 @@ class WallIntake:
         if state is not None:
             self._pressed = state.in_contact
             self._take_state(state, hand, one_way_s)
+        if self._adoption.starved and not self._adoption.newest.bilateral:
+            self._offer_at_force(self._adoption.newest, hand)
 
     def render_anew(self, hand: float, one_way_s: float) -> None:
         """Take the newest model over again, as far as the device is trusted now."""
@@ -129,9 +134,11 @@ class WallIntake:
         if depth is not None:
             self.withdrawn += 1
             self._free_to = depth
-            self._adopt(replace(adoption.newest, surface=depth), hand)
+            self._adopt(replace(adoption.newest, surface=depth), hand, lasts_s=WITHDRAWN_S)
 
-    def _adopt(self, wall: Wall, hand: float, *, gives_way: bool = False) -> bool:
+    def _adopt(
+        self, wall: Wall, hand: float, *, gives_way: bool = False, lasts_s: float = BLEND_S
+    ) -> bool:
         """Offer a wall as far as the device can render it, at the hand if it is not felt yet.
 
         One that `gives_way` is blended in, and the tool stays. Returns false where it is refused.
@@ -142,17 +149,26 @@ class WallIntake:
             self.refused += 1
             return False
         if passive != adoption.newest:
-            if not adoption.holds(before):
-                self._registration.adopt_at_hand(hand, passive)
-            elif not (passive.bilateral or gives_way) and (
-                self.provisional or not adoption.affords(passive, before)
+            felt = adoption.holds(before)
+            if (
+                felt
+                and not (passive.bilateral or gives_way)
+                and (self.provisional or not adoption.affords(passive, before))
             ):
-                felt = adoption.elastic_force(before)
-                self._registration.adopt_at_force(hand, passive, felt)
-                adoption.shift(self._x(hand) - before)
+                self._offer_at_force(passive, hand)
+            else:
+                if not felt:
+                    self._registration.adopt_at_hand(hand, passive)
+                adoption.offer(passive, lasts_s)
             self.provisional = False
-            adoption.offer(passive)
         return True
+
+    def _offer_at_force(self, wall: Wall, hand: float) -> None:
+        """Offer a wall at the place where its spring gives the force that is felt now."""
+        adoption, before = self._adoption, self._x(hand)
+        self._registration.adopt_at_force(hand, wall, adoption.elastic_force(before))
+        adoption.shift(self._x(hand) - before)
+        adoption.offer(wall, 0.0)
 
     def _x(self, hand: float) -> float:
         """Return the hand's position in the slave's coordinates."""

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.link.messages import ModelMessage
-from teleop_rt.master.adoption import Adoption, Tank
+from teleop_rt.master.adoption import BLEND_S, Adoption, Tank
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 
 DT_S = 0.001
@@ -157,6 +157,44 @@ def test_a_wall_of_the_same_force_and_more_energy_is_not_taken_on_without_paymen
         assert adoption.tank.level_J >= 0.0
 
 
+def test_a_wall_of_the_felt_force_is_taken_over_while_the_hand_goes_deeper() -> None:
+    """At 0.1 m/s into it, its damping alone is a step; blended in 0.2 s it meets 20 mm more."""
+    adoption, x = adopted(SOFT), 0.01
+    felt = adoption.update(x, 0.1, DT_S)
+    stiff = Wall(surface=x - SOFT.elastic_force(x) / STIFF.k, k=STIFF.k, b=STIFF.b)
+    adoption.offer(stiff, 0.0)
+    forces = [felt]
+    for _ in range(10):
+        x += 0.1 * DT_S
+        forces.append(adoption.update(x, 0.1, DT_S))
+    assert adoption.weight == 1
+    assert forces[-1] == pytest.approx(stiff.force(x, 0.1))
+    steps = np.diff(forces) - STIFF.k * 0.1 * DT_S
+    assert steps.max() <= 0.5 + 1e-9
+
+
+def test_in_the_middle_of_a_blend_a_wall_of_the_felt_force_takes_its_place() -> None:
+    adoption, x = adopted(SOFT), 0.01
+    adoption.offer(STIFF)
+    for _ in range(100):
+        felt = adoption.update(x, 0.0, DT_S)
+    assert 0.4 < adoption.weight < 0.6
+    right = Wall(surface=x - felt / 3000.0, k=3000.0)
+    adoption.offer(right, 0.0)
+    assert adoption.update(x, 0.0, DT_S) == pytest.approx(felt)
+    assert (adoption.new, adoption.weight) == (right, 1.0)
+
+
+def test_a_blend_that_the_tank_has_not_paid_for_a_while_is_starved() -> None:
+    adoption = adopted(SOFT, capacity_J=0.01)
+    adoption.offer(STIFF)
+    starved = [adoption.update(0.01, 0.0, DT_S) > 0 and adoption.starved for _ in range(300)]
+    assert not any(starved[:100])
+    assert starved[-1]
+    adoption.offer(Wall(surface=0.01 - 10.0 / 6000.0, k=6000.0))
+    assert not adoption.starved, "a new wall, a new chance"
+
+
 def test_a_softer_wall_needs_no_energy() -> None:
     adoption = adopted(STIFF, capacity_J=0.0)
     adoption.offer(SOFT)
@@ -189,6 +227,7 @@ def test_a_blend_that_cannot_be_paid_does_not_block_a_later_wall() -> None:
             st.floats(0, 20_000),
             st.floats(0, 100),
             st.floats(1, 2.5),
+            st.sampled_from([BLEND_S, 0.1, 0.0]),
         ),
         min_size=1,
         max_size=12,
@@ -196,13 +235,13 @@ def test_a_blend_that_cannot_be_paid_does_not_block_a_later_wall() -> None:
     st.floats(0.01, 5.0),
 )
 def test_adoption_never_steps_the_force_nor_overdraws_the_tank(
-    walls: list[tuple[int, float, float, float, float]], force_step: float
+    walls: list[tuple[int, float, float, float, float, float]], force_step: float
 ) -> None:
     capacity_J = 0.05
     adoption = Adoption(100.0, force_step, Tank(capacity_J, 0.005))
     tick = 0
-    for ticks, surface, k, b, n in walls:
-        adoption.offer(Wall(surface, k, b, n))
+    for ticks, surface, k, b, n, lasts_s in walls:
+        adoption.offer(Wall(surface, k, b, n), lasts_s)
         for _ in range(ticks):
             tick += 1
             x = 0.004 + 0.006 * math.sin(0.02 * tick)

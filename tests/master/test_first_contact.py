@@ -188,6 +188,21 @@ def test_the_next_contact_of_a_body_that_went_away_is_not_felt_where_the_last_on
     assert world.master.force == pytest.approx(slave.force(), abs=0.5), "it came back"
 
 
+def test_a_hand_that_presses_on_while_a_stiffer_wall_is_blended_in_gets_it() -> None:
+    """The tank can pay for it where it is offered, and not 10 mm deeper: it stood at a fifth."""
+    go = Script((0, 0), (1, 0.017), (1.56, 0.017), (1.66, 0.03), (9, 0.03))
+    world = World(go, config=CONFIG.model_copy(update={"tank_power_mW": 0.0}))
+    world.slave.k, world.slave.b = 600.0, 0.0
+    world.run(1500)
+    master = world.master
+    world.slave.k = 3600.0
+    world.slave.model = ModelMessage("kelvin-voigt", 99, 1, world.slave.surface, k=3600.0)
+    world.run(700)
+    assert master.adoption.newest.k == pytest.approx(3600.0)
+    assert master.adoption.weight == 1.0
+    assert master.force == pytest.approx(world.slave.force(), abs=0.5)
+
+
 def free_at(position: float, *, in_contact: bool = False) -> StateMessage:
     return StateMessage(position, 0.0, 1, in_contact=in_contact, verified_free=position)
 
