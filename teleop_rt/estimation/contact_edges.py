@@ -1,4 +1,4 @@
-"""What the edges of contact and a newer surface mean for the rows of the bank."""
+"""Effects of contact edges and of a newer surface on the rows of the bank."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Notes of a trial's summary: what its numbers alone do not say."""
+"""Notes of a trial's summary: warnings that its numbers do not contain."""
 
 from __future__ import annotations
 
