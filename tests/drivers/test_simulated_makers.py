@@ -104,7 +104,7 @@ def test_a_moteus_times_out_when_a_command_is_valid_no_longer(written, lives_ms)
 
 
 @pytest.mark.parametrize("least", ["0d27 0000c07f", "0127 80", "0527 0080", "0927 00000080"])
-def test_a_moteus_without_a_time_out_is_told_so_by_not_a_number_or_the_least_number(least):
+def test_not_a_number_or_the_least_number_is_no_time_out_of_a_moteus(least):
     bench = Bench("moteus")
     bench.hears(0x8001, f"01000a {least}")
     bench.drive.run(LATE_NS + 10**13)

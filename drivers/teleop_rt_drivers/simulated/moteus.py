@@ -28,7 +28,7 @@ UNITS = {
     0x22: NM, 0x23: tuple(SCALES.values()), 0x24: tuple(SCALES.values()), 0x25: NM, 0x26: TURNS,
     0x27: SECONDS, 0x28: TURNS_PER_S,
 }  # fmt: skip
-"""What one count of a register is as int8, int16 and int32; 1 of those that are not here."""
+"""Value of one count of a register as int8, int16 and int32; 1 for those that are not here."""
 VOLTAGE, TEMPERATURE = 12.0, 20.0
 
 
