@@ -22,6 +22,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from teleop_rt.lean_numba import binding, numba
 
 # isort: split
@@ -224,19 +227,24 @@ def _compiled(function: Callable[P, R], *, cached: bool, **options: Any) -> Call
     return cast("Callable[P, R]", compiled)
 
 
-def entry_point(function: Callable[P, R], *example: P.args, **_: P.kwargs) -> Callable[P, R]:
-    """Return a kernel as compiled for arguments of the types that these have.
+def bound(
+    function: Callable[..., R], arrays: tuple[NDArray[Any], ...], *example: object
+) -> Callable[..., R]:
+    """Return a kernel bound to its first arguments, compiled for further ones like the example's.
 
     A kernel that Python calls finds the types of its arguments out each time, which takes longer
-    than many a step within a tick. What is no array, or one of elements of another size, raises
-    TypeError; one of other dimensions is read beyond its end. So this is for callers within one
-    module whose arrays are made once, and never for what comes from outside.
+    than many a step within a tick. Code that is called without that reads an array of other
+    dimensions beyond its end, so all arrays are bound here, where their types are taken. What
+    comes with each call is checked by its type alone: numbers, flags and bytes. Raises TypeError
+    for an array in the example.
     """
+    if any(isinstance(one, np.ndarray) for one in example):
+        raise TypeError("a kernel's arrays are bound, they do not come with each call")
     if _numba_config().DISABLE_JIT:
-        return function
+        return functools.partial(function, *arrays)
     compiled = cast("Any", function)
-    code: Callable[P, R] = compiled.compile(tuple(map(compiled.typeof_pyval, example)))
-    return code
+    types = tuple(map(compiled.typeof_pyval, (*arrays, *example)))
+    return functools.partial(compiled.compile(types), *arrays)
 
 
 def inlined_kernel(function: Callable[P, R]) -> Callable[P, R]:

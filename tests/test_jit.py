@@ -124,19 +124,34 @@ def scaled_sum(values, factor):
     return total
 
 
-def test_an_entry_point_computes_what_its_kernel_does_for_other_values_of_these_types():
-    code = jit.entry_point(scaled_sum, np.zeros(1), 1.0)
-    assert (
-        code(np.array([1.0, 2.0, 3.0]), 2.0) == scaled_sum(np.array([1.0, 2.0, 3.0]), 2.0) == 12.0
-    )
+def test_a_bound_kernel_computes_what_the_kernel_does_of_its_arrays_and_other_numbers():
+    values = np.array([1.0, 2.0, 3.0])
+    code = jit.bound(scaled_sum, (values,), 1.0)
+    assert code(2.0) == scaled_sum(values, 2.0) == 12.0
+    values[0] = 2.0
+    assert code(3.0) == 21.0
+
+
+@pytest.mark.parametrize("values", [np.ones((2, 3)), np.ones(6, np.float32), np.ones((4, 2))[:, 0]])
+def test_a_bound_kernel_reads_an_array_as_what_it_is(values):
+    @kernel
+    def last(array, factor):
+        return factor * array.size
+
+    assert jit.bound(last, (values,), 1.0)(2.0) == 2.0 * values.size
+
+
+def test_no_array_can_come_with_each_call():
+    with pytest.raises(TypeError, match="bound"):
+        jit.bound(scaled_sum, (), np.zeros(1), 1.0)
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="without the compiler it is the function")
-@pytest.mark.parametrize("other", [np.zeros(3, np.float32), [1.0], None])
-def test_an_entry_point_refuses_what_it_would_misread(other):
-    code = jit.entry_point(scaled_sum, np.zeros(1), 1.0)
+@pytest.mark.parametrize("other", [np.zeros(3), [1.0], None, "1"])
+def test_a_bound_kernel_refuses_what_it_would_misread(other):
+    code = jit.bound(scaled_sum, (np.zeros(1),), 1.0)
     with pytest.raises(TypeError):
-        code(other, 2.0)
+        code(other)
 
 
 def test_a_kernel_that_allocates_is_refused():

@@ -23,12 +23,12 @@ from teleop_rt.estimation.parameters import Conversion, physical_over_time, trac
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, allocate
 from teleop_rt.estimation.state import StateArray
-from teleop_rt.estimation.streamed import StreamedModel, Streaming
+from teleop_rt.estimation.streamed import Streaming
 from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.estimation.terms import Terms
-from teleop_rt.jit import entry_point
+from teleop_rt.jit import bound
 
-__all__ = ["Contact", "Pipeline", "PipelineSettings", "StreamedModel", "Trace"]
+__all__ = ["Contact", "Pipeline", "PipelineSettings", "Trace"]
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
@@ -144,7 +144,7 @@ class Pipeline:
         if self._surface_motion is not None and valid:
             position += self._follow_surface(self._surface_motion, position, force)
         if self._terms is None:
-            self._tick(self._one, position, force, valid, self._whole)
+            self._tick(position, force, valid, self._whole)
         elif sense_tick(self._one, position, force, valid):
             one, m, q = self.settings, self._state.motion, self._state.q
             self._forget_the_approach()
@@ -161,7 +161,7 @@ class Pipeline:
     @cached_property
     def _tick(self) -> Callable[..., object]:
         """The kernel of a whole tick; a replay that runs many ticks at once needs it not."""
-        return entry_point(tick, self._one, 0.0, 0.0, False, self._whole)  # noqa: FBT003
+        return bound(tick, (self._one,), 0.0, 0.0, False, self._whole)  # noqa: FBT003
 
     def _follow_surface(self, motion: SurfaceMotion, position: float, force: float) -> float:
         """Return the surface's motion towards the tool, which adds to the depth."""
@@ -316,10 +316,6 @@ class Pipeline:
     def predicted_force(self, row: int) -> float:
         """Return the force that a row predicts now, open loop, by its frozen parameters."""
         return float(self.predicted[row])
-
-    def model(self) -> StreamedModel | None:
-        """Return the model to stream, or None while there is none."""
-        return self.streaming.model()
 
     def nrmse(self, row: int) -> float | None:
         """Return the normalised force error (4.1) of a row's open-loop predictions, or None."""

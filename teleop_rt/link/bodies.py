@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.link.messages import MOST_EFFECTS, SHAPES
+
 StoredState = NDArray[np.record]
+StoredModel = NDArray[np.record]
 StoredMotion = NDArray[np.record]
 
 _NUMBERS = ("position", "force", "verified_free", "velocity", "energy_J")
@@ -20,6 +23,18 @@ _MOTION = np.dtype(
     + [("contact_id", "<u8")]
     + [(name, "u1") for name in ("engaged", "wall", "provisional", "known")]
 )
+_EFFECT = np.dtype([("code", "<u4"), ("amplitude", "<f8"), ("shape", "<f8", (SHAPES,))])
+_MODEL = np.dtype(
+    [("model_sequence", "<u8"), ("contact_id", "<u8"), ("model", "u1"), ("surface_known", "u1")]
+    + [(name, "<f8") for name in ("surface", "k", "b", "n", "m", "offset", "force_std")]
+    + [(name, "<f8") for name in ("time_s", "surface_velocity")]
+    + [("count", "u1"), ("effects", _EFFECT, (MOST_EFFECTS,))]
+)
+
+
+def new_model() -> StoredModel:
+    """Return the body of a model (1,), all zeros: its bytes are those of `messages.encode`."""
+    return np.zeros(1, np.dtype((np.record, _MODEL)))
 
 
 def new_state() -> StoredState:

@@ -12,7 +12,7 @@ import functools
 from collections.abc import Callable
 from typing import Literal
 
-from teleop_rt.jit import entry_point
+from teleop_rt.jit import bound
 from teleop_rt.link import intake
 from teleop_rt.link.bodies import NewestMotion
 from teleop_rt.link.codec import (
@@ -59,11 +59,8 @@ _DATA: dict[Role, frozenset[int]] = {
 
 
 @functools.cache
-def load_kernels() -> tuple[Callable[..., bool], Callable[..., int]]:
-    """Compile or load what a packet passes, so that the first one does not wait for it.
-
-    Return `intake.is_expected` and `intake.accept`, which nearly every packet passes.
-    """
+def load_kernels() -> None:
+    """Compile or load what a packet passes, so that the first one does not wait for it."""
     link, clock, statistics = intake.new_words(0, 0), PeerClock(), Statistics()
     words = (link, clock.words, statistics.words)
     intake.read_header(link, bytes(HEADER_BYTES))
@@ -74,10 +71,6 @@ def load_kernels() -> tuple[Callable[..., bool], Callable[..., int]]:
     window.add(1)
     clock.exchange(0, 0, 0, 0)
     clock.fix()  # asks for the link's own time, now that there is one
-    return (
-        entry_point(intake.is_expected, link, window.words, b"", 0, 0),
-        entry_point(intake.accept, link, window.words, *words[1:], b"", 0, 0, 0),
-    )
 
 
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
@@ -112,7 +105,7 @@ class Endpoint:
         self._rate_hz = rate_hz
         self._rates_hz = accepted_rates_hz
         now = now_ns()
-        self._is_expected, self._accept = load_kernels()
+        load_kernels()
         self._caller = Caller(keys[0]) if role == "master" else None
         callers = keys if role == "slave" else ()
         self._answerer = Answerer(callers, rate_hz, accepted_rates_hz, now)
@@ -124,6 +117,7 @@ class Endpoint:
         self.clock = PeerClock(one_way_max_ns)
         self.taken_by: str | None = None
         self.statistics = Statistics()
+        self._bind(ReplayWindow())
         self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
         self._sent = self.statistics.words.data[SENT : SENT + 1]
         self.newest_motion = NewestMotion()
@@ -220,6 +214,13 @@ class Endpoint:
         if self._caller is not None:
             self._call(self._caller, now_ns)
 
+    def _bind(self, window: ReplayWindow) -> None:
+        """Let what nearly every packet passes work on the window of the session that stands."""
+        words = self._words, window.words
+        self._is_expected = bound(intake.is_expected, words, b"", 0, 0)
+        more = self.clock.words, self.statistics.words
+        self._accept = bound(intake.accept, (*words, *more), b"", 0, 0, 0)
+
     def fix_clock(self) -> None:
         """Hold the peer's clock and the link's own delay from now on, if messages come."""
         if self.connected and not self.sessions.silent(self._now_ns()):
@@ -265,9 +266,7 @@ class Endpoint:
 
     def _take(self, packet: bytes, now_ns: int) -> None:
         session = self.sessions.current
-        if session is not None and self._is_expected(
-            self._words, session.window.words, packet, session.signed_id, self._kinds
-        ):
+        if session is not None and self._is_expected(packet, session.signed_id, self._kinds):
             self._take_expected(session, packet, now_ns)
             return
         if problem := intake.read_header(self._words, packet):
@@ -302,16 +301,7 @@ class Endpoint:
         transport.confirm_sender()
         session.address = transport.sender
         self.sessions.accepted_ns = now_ns
-        problem = self._accept(
-            self._words,
-            session.window.words,
-            self.clock.words,
-            self.statistics.words,
-            body,
-            session.epoch,
-            self.sessions.lost_before,
-            now_ns,
-        )
+        problem = self._accept(body, session.epoch, self.sessions.lost_before, now_ns)
         if problem:
             self._count_problem(problem)
         self._store(kind, body, None)
@@ -357,6 +347,7 @@ class Endpoint:
 
     def _move_to(self, session: Session, now_ns: int) -> None:
         """Move to another session; with a new conversation nothing of the last one is valid."""
+        self._bind(session.window)
         if self.sessions.move_to(session, now_ns):
             self._forget_messages()
             intake.forget_peer(self._words, now_ns)

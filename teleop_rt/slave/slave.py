@@ -13,7 +13,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Contact, Pipeline
-from teleop_rt.jit import entry_point
+from teleop_rt.jit import bound
 from teleop_rt.link.bodies import new_state
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind
@@ -77,7 +77,6 @@ class Slave:
         self._pairing = pipeline.settings.pairing(rig.period_ns)
         self._period_ns = rig.period_ns
         self.record = record = TickRecord()
-        self._stored = record.stored
         self._floats, self._counts = record.floats, record.counts
         self._row = Row(SLAVE)
         self._columns = self._row.values
@@ -93,8 +92,8 @@ class Slave:
         )
         CatchUp(trial.slave.retreat_speed, period_s, record)
         self._models = ModelSender(
-            pipeline, endpoint, rig.sensors.force_noise, trial.slave.force_cap, trial.link, now_ns,
-            record,
+            pipeline.streaming, endpoint, rig.sensors.force_noise, trial.slave.force_cap,
+            trial.link, now_ns, record,
         )  # fmt: skip
         self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late, record)
         lacks = rig.axis.unsafe()
@@ -113,7 +112,8 @@ class Slave:
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
         self._drive_values = self.supervision.drive.values
-        self._kernel_arguments = (
+        arrays = (
+            record.stored,
             pipeline.stored,
             self.safety.late.record,
             self.safety.on_hardware.record,
@@ -122,7 +122,7 @@ class Slave:
             self._row.stored,
             self._body,
         )
-        self._decide_code = entry_point(decide, self._stored, *self._kernel_arguments, CHECK)
+        self._decide = bound(decide, arrays, CHECK)
         self._decide(CHECK)  # compiled and loaded now, not in a tick; so is the line below
         self.limiter.reset(self.limiter.position)
 
@@ -301,9 +301,6 @@ class Slave:
             self.reference.homed,
             endpoint.silence_ns(self._stamp_ns),
         )
-
-    def _decide(self, stage: int) -> int:
-        return self._decide_code(self._stored, *self._kernel_arguments, stage)
 
     def _advance_zeros(self) -> int:
         """Advance tare and homing between the checks and the rest of the step."""

@@ -46,6 +46,7 @@ def look_at_contact(t: Tick, bank: estimation.BankState) -> None:
     known = seen[detection.SURFACE_KNOWN] > 0.0
     t.in_contact, t.contact_id = seen[detection.IN_CONTACT] > 0.0, int(seen[detection.CONTACT_ID])
     t.surface = seen[detection.SURFACE] - t.surface_shift if known else math.nan
+    t.surface_known = known
     t.velocity = bank.q[estimation.VELOCITY]
     free = seen[detection.VERIFIED_FREE] - t.surface_shift
     started = seen[detection.STARTED] > 0.0 and free > _NOWHERE_FREE and math.isfinite(free)

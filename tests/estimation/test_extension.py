@@ -5,12 +5,12 @@ import pytest
 from scipy.signal import lfilter
 
 from teleop_rt.contact.fitted import ExtendedModelError
-from teleop_rt.estimation import walls
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
-from teleop_rt.estimation.rows import MODEL_CODES, rows_for
-from teleop_rt.estimation.streamed import Wall
+from teleop_rt.estimation.rows import rows_for
 from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
+
+from .streamed_wall import streamed
 
 PRESS = Press(duration=8.0)
 SETTINGS = PipelineSettings(
@@ -56,20 +56,19 @@ def stiffening(x, v):
     return kelvin_voigt(x, v) + 2.4e5 * np.maximum(x, 0.0) ** 2
 
 
-def assert_a_look_sees(model, pipeline):
-    """The numbers that are sent decide whether a model is sent."""
-    numbers = np.zeros(walls.AMPLITUDES + len(model.effects))
-    assert pipeline.streaming.write_wall(numbers)
-    wall, sent = Wall.of(model.model, numbers), {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0}
-    sent |= model.parameters
-    assert numbers[walls.MODEL] == MODEL_CODES[model.model]
-    assert wall.surface == model.surface
-    assert [wall.k, wall.b, wall.n, wall.offset] == [
-        sent[name] for name in ("k", "b", "n", "offset")
+def assert_streamed_as_estimated(pipeline):
+    """The numbers of the wall are those of the selected row's estimate."""
+    wall, row = streamed(pipeline), pipeline.rows[pipeline.selected]
+    found = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0, "m": 0.0}
+    found |= estimates(pipeline, pipeline.selected)
+    assert wall.model == row.model
+    assert [wall.k, wall.b, wall.n, wall.offset, wall.m] == [
+        found[name] for name in ("k", "b", "n", "offset", "m")
     ]
-    assert numbers[walls.M] == sent.get("m", 0.0)
-    assert pipeline.streaming.force_std == model.force_std
-    assert wall.amplitudes == tuple(one.amplitude for one in model.effects)
+    effects = pipeline.streaming.effects
+    assert wall.amplitudes == tuple(
+        found.get(one.effect.name, one.amplitude) for one in effects[: len(wall.amplitudes)]
+    )
 
 
 def test_an_amplitude_is_estimated_beside_the_base_and_streamed_to_the_master():
@@ -78,12 +77,11 @@ def test_an_amplitude_is_estimated_beside_the_base_and_streamed_to_the_master():
     found = estimates(pipeline, 1)
     assert found["k"] == pytest.approx(3600, rel=0.01)
     assert found["nonlinear_stiffening"] == pytest.approx(2.4e5, rel=0.02)
-    model = pipeline.model()
-    (effect,) = model.effects
+    (effect,) = pipeline.streaming.effects
     assert effect.effect.name == "nonlinear_stiffening"
-    assert effect.amplitude == pytest.approx(2.4e5, rel=0.02)
-    assert model.time_s == pytest.approx(8.0, abs=0.01)
-    assert_a_look_sees(model, pipeline)
+    assert streamed(pipeline).amplitudes == pytest.approx((2.4e5,), rel=0.02)
+    assert streamed(pipeline).time_s == pytest.approx(8.0, abs=0.01)
+    assert_streamed_as_estimated(pipeline)
 
 
 def test_where_the_data_cannot_decide_yet_the_diagnosed_amplitude_is_streamed():
@@ -92,8 +90,8 @@ def test_where_the_data_cannot_decide_yet_the_diagnosed_amplitude_is_streamed():
     law = lambda x, v: kelvin_voigt(x, v) + 3e5 * np.maximum(x, 0.0) ** 2  # noqa: E731 - one use
     pipeline = run(record(shallow, law), STIFFENING)
     assert pipeline.rows[pipeline.selected].frozen
-    assert pipeline.model().effects[0].amplitude == 3e5
-    assert_a_look_sees(pipeline.model(), pipeline)
+    assert streamed(pipeline).amplitudes == (3e5,)
+    assert_streamed_as_estimated(pipeline)
     assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.05)
 
 
@@ -104,8 +102,8 @@ def test_a_rig_effect_is_distinguished_and_not_streamed():
     samples = record(PRESS, law)
     pipeline = run(samples, FRICTION)
     assert estimates(pipeline, 1)["coulomb_friction"] == pytest.approx(2.0, rel=0.03)
-    assert pipeline.model().effects == ()
-    assert_a_look_sees(pipeline.model(), pipeline)
+    assert streamed(pipeline).amplitudes == pipeline.streaming.effects == ()
+    assert_streamed_as_estimated(pipeline)
     assert pipeline.onsets >= 2
     assert pipeline.contact.surface == pytest.approx(PRESS.surface, abs=5e-5)
     alone = run(samples)
@@ -240,9 +238,8 @@ def test_a_surface_that_recedes_is_followed_and_streamed():
                    ("moving_surface", "steady", {"surface_velocity": 0.0003}))  # fmt: skip
     assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.02)
     assert pipeline.contact.surface == pytest.approx(PRESS.surface + 0.0003 * 8, abs=5e-5)
-    model = pipeline.model()
-    assert model.surface == pytest.approx(PRESS.surface, abs=5e-5)
-    assert model.effects[0].effect.name == "moving_surface"
+    assert streamed(pipeline).surface == pytest.approx(PRESS.surface, abs=5e-5)
+    assert pipeline.streaming.effects[0].effect.name == "moving_surface"
 
 
 @pytest.mark.parametrize(

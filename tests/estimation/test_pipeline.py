@@ -9,6 +9,8 @@ from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for, whole_for
 from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
+from .streamed_wall import streamed
+
 SETTINGS = PipelineSettings(
     period_s=1e-3,
     position_resolution=5e-6,
@@ -49,9 +51,9 @@ def test_soft_short_motion_is_found_as_well():
 def test_hunt_crossley_is_found_and_streamed_where_it_is_the_truth():
     pipeline = Pipeline(ROWS, SETTINGS)
     pipeline.run(*record(Press(), hunt_crossley))
-    streamed = pipeline.model()
-    assert streamed.model == "hunt-crossley"
-    assert streamed.parameters["n"] == pytest.approx(1.5, abs=0.05)
+    wall = streamed(pipeline)
+    assert wall.model == "hunt-crossley"
+    assert wall.n == pytest.approx(1.5, abs=0.05)
 
 
 def test_a_whole_recording_gives_the_same_numbers_as_tick_by_tick():

@@ -8,6 +8,7 @@ from teleop_rt.config_link import LinkConfig
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.rows import KELVIN_VOIGT, UNILATERAL
+from teleop_rt.link.messages import Kind, decode
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.record import TickRecord
 
@@ -24,23 +25,25 @@ class Bench:
         self.sent: list[tuple[int, float]] = []
         self.k, self.code = k, KELVIN_VOIGT
         self.surface = self.surface_velocity = self.moving_m_per_s = 0.0
-        self.force_std, self.time_s, self.effects = NOISE, 0.0, ()
-        contact = SimpleNamespace(in_contact=True, contact_id=1, surface_known=True, velocity=0.0)
-        pipeline = SimpleNamespace(streaming=self, contact=contact)
-        endpoint = SimpleNamespace(
-            connected=True, send=lambda message: self.sent.append((self.now_ms, message.k))
-        )
+        self.force_std, self.effects = NOISE, ()
+        record = TickRecord()
+        record.tick.in_contact = record.tick.contact_id = record.tick.surface_known = 1
+        endpoint = SimpleNamespace(connected=True, send_body=self.take)
         self.sender = ModelSender(
-            pipeline, endpoint, NOISE, 90.0, LinkConfig(keep_alive_ms=KEEP_ALIVE_MS, **link),
-            lambda: self.now_ms * MS, TickRecord(),
+            self, endpoint, NOISE, 90.0, LinkConfig(keep_alive_ms=KEEP_ALIVE_MS, **link),
+            lambda: self.now_ms * MS, record,
         )  # fmt: skip
+
+    def take(self, kind: Kind, body: memoryview) -> None:
+        self.sent.append((self.now_ms, decode(kind, bytes(body)).k))
 
     def write_effects(self, out: Vector, column: int) -> None:
         """There are none."""
 
     def write_wall(self, out: Vector) -> bool:
         out[walls.MODEL], out[walls.K], out[walls.N] = self.code, self.k, 1.0
-        out[walls.SURFACE] = self.surface
+        out[walls.SURFACE], out[walls.SURFACE_VELOCITY] = self.surface, self.surface_velocity
+        out[walls.FORCE_STD] = self.force_std
         return True
 
     def run(self, count_ms: int) -> list[tuple[int, float]]:

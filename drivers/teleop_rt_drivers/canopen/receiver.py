@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisFault
-from teleop_rt.jit import entry_point
+from teleop_rt.jit import bound
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
 from teleop_rt_drivers.canopen import eds, intake, setup
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from teleop_rt.axis import Sample
     from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.can_frames import Slots
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.counters import Counters
@@ -83,8 +84,8 @@ class Receiver:
             {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
         )
         intake.load_kernels()
-        arrays = self._sources, self._words, self._reader.slots
-        self._take_cycle = entry_point(intake.take_cycle, *arrays, 0, 0, 0, True)  # noqa: FBT003
+        self._bound: dict[int, Callable[..., int]] = {}
+        self._bind(self._reader.slots)
         self._switch = switch
         self._closed = False
         self._handlers = self._handler_table()
@@ -118,18 +119,25 @@ class Receiver:
         With `asks` the caller sends the next SYNC right after this.
         """
         count = self._arrived(now_ns)
-        arrays = self._sources, self._words, self._reader.slots
-        events = self._take_cycle(*arrays, 0, count, sync_ns, asks)
+        slots = self._reader.slots
+        take_cycle = self._bound.get(id(slots)) or self._bind(slots)
+        events = take_cycle(0, count, sync_ns, asks)
         while events < 0:
             row = -1 - events
             self._hand_on(*self._reader.frame(row)[:2], now_ns)
-            events = self._take_cycle(*arrays, row + 1, count, sync_ns, asks)
+            events = take_cycle(row + 1, count, sync_ns, asks)
         if self._drive is not None:
             self._drive.settle()
         self._find_faults(now_ns, events)
         sample.valid = not events & DUPLICATE - 1
         sample.stale = "" if sample.valid else self._stale(events)
         self._fill(sample)
+
+    def _bind(self, slots: Slots) -> Callable[..., int]:
+        """Return what takes a cycle's frames from these slots: the reader's own, or the bus's."""
+        arrays = self._sources, self._words, slots
+        self._bound[id(slots)] = bound(intake.take_cycle, arrays, 0, 0, 0, True)  # noqa: FBT003
+        return self._bound[id(slots)]
 
     def _stale(self, events: int) -> str:
         """Return the reason why the first value is not new."""

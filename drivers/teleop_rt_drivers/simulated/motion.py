@@ -91,10 +91,10 @@ def advance_reference(state: Vector, mode: int, deceleration: float, step: float
 def advance(
     state: Vector,
     constants: Vector,
-    mode: int,
-    deceleration: float,
     stamps: Stamps,
     forces: Vector,
+    mode: int,
+    deceleration: float,
     head: int,
     start_ns: int,
     span_ns: int,

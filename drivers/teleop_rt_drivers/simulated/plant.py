@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_rt.jit import entry_point
+from teleop_rt.jit import bound
 from teleop_rt_drivers.simulated import hidden
 from teleop_rt_drivers.simulated.hidden_motion import N_ALL, STAGES, advance_hidden
 from teleop_rt_drivers.simulated.motion import (
@@ -81,14 +81,15 @@ class Plant:
         self._compile()
 
     def _compile(self) -> None:
-        """Compile the kernels on a copy, so that the first SYNC is answered in time."""
+        """Compile the kernels, one on a copy, so that the first SYNC is answered in time."""
+        self._force_at = bound(force_at, (self._stamps, self._forces), 1, self.now_ns)
+        if not self._hides:
+            arrays = self._state, self._constants, self._stamps, self._forces
+            numbers = self.mode, self._deceleration, 0, self.now_ns, STEP_NS
+            self._advance = bound(advance, arrays, *numbers)
+            return
         kept = [self._state, self._stamps, self._forces, self._memories]
         self._state, self._stamps, self._forces, self._memories = (array.copy() for array in kept)
-        if not self._hides:
-            history = self._stamps, self._forces, 0, self.now_ns, STEP_NS
-            ahead = self._state, self._constants, self.mode, self._deceleration, *history
-            self._advance = entry_point(advance, *ahead)
-        self._force_at = entry_point(force_at, self._stamps, self._forces, 1, self.now_ns)
         self._integrate(STEP_NS)
         self._state, self._stamps, self._forces, self._memories = kept
         self._head = 0
@@ -183,12 +184,12 @@ class Plant:
         self._impulses.append((self.now_ns, self._state.item(IMPULSE)))
 
     def _integrate(self, span_ns: int) -> None:
-        history = (self._stamps, self._forces, self._head, self.now_ns, span_ns)
         if not self._hides:
             self._head = self._advance(
-                self._state, self._constants, self.mode, self._deceleration, *history
+                self.mode, self._deceleration, self._head, self.now_ns, span_ns
             )
             return
+        history = (self._stamps, self._forces, self._head, self.now_ns, span_ns)
         self._head = advance_hidden(
             self._state,
             self._memories,
@@ -248,7 +249,7 @@ class Plant:
         jitter_us = (-1.0 + 2.0 * self._random.random()) * sensors.force_lag_jitter_us
         lag_ms = sensors.force_lag_ms + self._hidden.item(hidden.DELAY_MS)
         lag_ns = max(0, round(1e6 * lag_ms + 1e3 * jitter_us))
-        lagged = self._force_at(self._stamps, self._forces, self._head, self.now_ns - lag_ns)
+        lagged = self._force_at(self._head, self.now_ns - lag_ns)
         age_s = (self.now_ns - self._start_ns) * 1e-9
         lagged += sensors.force_offset + sensors.force_drift * age_s
         return lagged + sensors.force_noise * self._random.standard_normal() + self._spark()

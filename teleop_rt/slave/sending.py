@@ -1,0 +1,177 @@
+"""Sending a model, as kernels: what was seen, whether a new model would be felt, its message."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.estimation import rows
+from teleop_rt.estimation.walls import (
+    AMPLITUDES,
+    COUNT,
+    FORCE_STD,
+    MODEL,
+    OFFSET,
+    SURFACE,
+    SURFACE_VELOCITY,
+    TIME,
+    B,
+    K,
+    M,
+    N,
+)
+from teleop_rt.jit import kernel
+from teleop_rt.link.messages import MODEL_CODES, MOST_EFFECTS
+from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR
+from teleop_rt.slave.felt import NEW, NO_MODEL, POSITION, SENT, VELOCITY, is_felt
+
+if TYPE_CHECKING:
+    from teleop_rt.contact.effect import Vector
+    from teleop_rt.link.bodies import StoredModel
+    from teleop_rt.slave.record import StoredTick, Tick
+
+Matrix = NDArray[np.float64]
+
+WINDOW = 32
+MESSAGE, N_WALLS = 2, 3
+"""A third wall, beside the new one and the one that the master has now: the one last sent."""
+_HUNT_CROSSLEY = rows.HUNT_CROSSLEY
+_NO_CODE = 0
+_LINK_CODES = np.full(1 + max(rows.MODEL_CODES.values()), _NO_CODE)
+for _name, _code in MODEL_CODES.items():
+    _LINK_CODES[rows.MODEL_CODES[_name]] = _code
+
+
+class Sending:
+    """Fields of what a sender keeps: settings, and since when the last message is out."""
+
+    keep_alive_ns: int
+    every_tick: int
+    noise: float
+    noticeable_share: float
+    slot: int
+    sent_ns: int
+    surface_moved_ns: int
+    sequence: int
+    models_sent: int
+
+
+_TYPES = {"int": np.int64, "float": np.float64}
+_SENDING = np.dtype([(name, _TYPES[kind]) for name, kind in Sending.__annotations__.items()])
+StoredSending = NDArray[np.record]
+_NAMES = list(Sending.__annotations__)
+
+
+def place(field: str) -> int:
+    """Return where a field is among the words of the record."""
+    return _NAMES.index(field)
+
+
+def new_sending(now_ns: int) -> StoredSending:
+    """Return the record (1,) of a sender that has sent nothing until now."""
+    stored: StoredSending = np.zeros(1, np.dtype((np.record, _SENDING)))
+    stored["sent_ns"] = stored["surface_moved_ns"] = now_ns
+    return stored
+
+
+def new_walls(room: int) -> Matrix:
+    """Return walls (N_WALLS, room) of which none was sent."""
+    made = np.zeros((N_WALLS, room))
+    made[SENT, MODEL] = made[MESSAGE, MODEL] = NO_MODEL
+    return made
+
+
+@kernel
+def note_seen(t: Tick, seen: Matrix, slot: int, position: float) -> None:
+    """Keep position and velocity of a tick; in free air no wall is felt."""
+    seen[POSITION, slot] = position if t.in_contact > 0 else math.nan
+    seen[VELOCITY, slot] = t.velocity
+
+
+@kernel
+def move_sent_surface(s: Sending, sent: Vector, now_ns: int) -> None:
+    """Move the surface of the wall last sent as the master does, to compare it."""
+    if sent[SURFACE_VELOCITY] != 0.0:
+        sent[SURFACE] += sent[SURFACE_VELOCITY] * ((now_ns - s.surface_moved_ns) * 1e-9)
+    s.surface_moved_ns = now_ns
+
+
+@kernel
+def look(
+    stored: StoredTick,
+    sending: StoredSending,
+    walls: Matrix,
+    seen: Matrix,
+    position: float,
+    now_ns: int,
+    there: bool,
+) -> bool:
+    """Take in a look at an axis position; return whether the new wall, if `there`, is to be sent.
+
+    walls (N_WALLS, numbers of a wall), seen (N_SEEN, WINDOW): see `is_felt`.
+    """
+    t: Any = stored[0]
+    s: Any = sending[0]
+    note_seen(t, seen, s.slot, position)
+    move_sent_surface(s, walls[SENT], now_ns)
+    if not there:
+        return False
+    if s.every_tick > 0 or now_ns - s.sent_ns >= s.keep_alive_ns:
+        return True
+    return is_felt(walls, seen, s.noise, s.noticeable_share)
+
+
+@kernel
+def replaces(walls: Matrix) -> bool:
+    """Put the new wall in the place of the two others; return whether it differs from the message.
+
+    Not-a-number differs from itself.
+    """
+    other = False
+    for i in range(walls.shape[1]):
+        other = other or walls[NEW, i] != walls[MESSAGE, i]
+        walls[MESSAGE, i] = walls[SENT, i] = walls[NEW, i]
+    return other
+
+
+@kernel
+def write_body(t: Tick, wall: Vector, effects: Matrix, sequence: int, body: Any) -> None:
+    """Write the body of a model's message; effects (MOST_EFFECTS, 1 + SHAPES): code, shape."""
+    code = int(wall[MODEL])
+    body.model_sequence, body.contact_id = sequence, t.contact_id
+    body.model, body.surface_known = _LINK_CODES[code], t.surface_known
+    body.surface, body.k, body.b, body.n = wall[SURFACE], wall[K], wall[B], wall[N]
+    body.m, body.offset, body.force_std = wall[M], wall[OFFSET], wall[FORCE_STD]
+    body.time_s, body.surface_velocity = wall[TIME], wall[SURFACE_VELOCITY]
+    body.count = min(int(wall[COUNT]), MOST_EFFECTS)
+    for i in range(MOST_EFFECTS):
+        effect, present = body.effects[i], i < body.count
+        effect.code = int(effects[i, 0]) if present else 0
+        effect.amplitude = wall[AMPLITUDES + i] if present else 0.0
+        for j in range(len(effect.shape)):
+            effect.shape[j] = effects[i, 1 + j] if present else 0.0
+
+
+@kernel
+def write_message(
+    stored: StoredTick,
+    sending: StoredSending,
+    walls: Matrix,
+    effects: Matrix,
+    bodies: StoredModel,
+    now_ns: int,
+) -> None:
+    """Write the new wall's message, and note that it is sent; the tick's depth follows it."""
+    t: Any = stored[0]
+    s: Any = sending[0]
+    new = walls[NEW]
+    if replaces(walls):
+        s.sequence += 1
+    t.model = HUNT_CROSSLEY if new[MODEL] == _HUNT_CROSSLEY else LINEAR
+    t.model_k, t.model_b, t.model_n, t.model_added = new[K], new[B], new[N], 0.0
+    write_body(t, new, effects, s.sequence, bodies[0])
+    s.sent_ns = now_ns
+    s.models_sent += 1
