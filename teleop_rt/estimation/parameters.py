@@ -3,31 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.models import Parameter
-from teleop_rt.estimation import layout
-from teleop_rt.estimation import state as index
-from teleop_rt.estimation.physical import (
-    NONE,
-    read_hunt_crossley,
-    read_linear,
-    write_hunt_crossley,
-    write_linear,
-)
+from teleop_rt.estimation.estimates import Places
+from teleop_rt.estimation.physical import NONE
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, covariance_slot
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
-Write = Callable[[index.StateArray, Vector, Vector], bool]
-
-LAG_MOVES = (("b", "k"), ("m", "b"))
-"""Parameters that an error of the force's lag moves, each by which one."""
 
 
 def scale_of(name: str, length: float, time: float) -> float:
@@ -75,91 +63,55 @@ def _stiffness_place(row: RowSpec) -> int:
     return names.index(name) if name in names else NONE
 
 
-def _with_lag_error(write: Write, names: list[str], deviation_s: float) -> Write:
-    """Return `write` whose deviations count that the force's lag is known to no better than this.
-
-    A force that is late by dt reads f - f' dt, and k x - k v dt reduces the damping by k dt: one
-    error of all samples, which does not average out. Damping moves mass in the same way.
-    """
-    places = [(names.index(of), names.index(by)) for of, by in LAG_MOVES if {of, by} <= set(names)]
-
-    def write_with_lag(one: index.StateArray, values: Vector, deviations: Vector) -> bool:
-        known = write(one, values, deviations)
-        for of, by in places:
-            deviations[of] = math.hypot(deviations[of], values[by] * deviation_s)
-        return known
-
-    return write_with_lag
-
-
-def _with_friction_error(write: Write, names: list[str], settings: PipelineSettings) -> Write:
-    """Return `write` whose deviations count the friction that may be left in the force.
-
-    It has one sign on the way in and the other on the way out: at the bank's scales of length and
-    speed it is a stiffness and a damping that does not average out. Longer ways show them better.
-    """
-    friction, speed = settings.friction_deviation, settings.length / settings.time
-    moved = {"k": friction / settings.length, "b": friction / speed}
-    places = [(names.index(name), by) for name, by in moved.items() if name in names]
-
-    def write_with_friction(one: index.StateArray, values: Vector, deviations: Vector) -> bool:
-        known = write(one, values, deviations)
-        for of, by in places:
-            deviations[of] = math.hypot(deviations[of], by)
-        return known
-
-    return write_with_friction
-
-
 class Conversion:
     """Conversion of one row's scaled theta into rig units, with its places computed once.
 
-    `write(one, values, deviations)` writes both, as long as `names`, from the pipeline's record,
-    and returns whether the deviations are known; `read(one, values)` writes only the values.
-    `companion` is the row beside a Hunt-Crossley one that finds the effects' amplitudes. `places`
-    gives row, place and scale of each name that is a scaled entry of a row's theta.
+    `names` are those of the estimate. `entries` gives row, place and scale of each name that is a
+    scaled entry of a row's theta. `companion` is the row beside a Hunt-Crossley one that finds the
+    effects' amplitudes.
     """
 
     def __init__(
         self, row: RowSpec, number: int, companion: int, settings: PipelineSettings
     ) -> None:
-        forgetting = settings.solver_settings().forgetting
-        place, integral = _stiffness_place(row), row.solver == "iec"
-        slot, room = (
-            covariance_slot(row, forgetting),
-            np.zeros((layout.MAX_PARAMETERS, layout.MAX_PARAMETERS)),
-        )
-        where = (number, slot, place, integral)
-        self.write: Write
-        self.read: Callable[[index.StateArray, Vector], None]
-        self.places: dict[str, tuple[int, int, float]]
+        self._row, self._settings = row, settings
+        self._number, self._companion = number, companion
+        self.entries: dict[str, tuple[int, int, float]]
         if row.linear:
             self.names = [*(p.name for p in traced(row)), "offset"]
-            scales = _scales(row, self.names, settings.length, settings.time)
-            self.places = {
-                name: (number, place, scales.item(place)) for place, name in enumerate(self.names)
-            }
-            self.write = lambda one, values, deviations: write_linear(
-                one, *where, scales, room, values, deviations
-            )
-            self.read = lambda one, values: read_linear(one, number, scales, values)
+            self._scales = _scales(row, self.names, settings.length, settings.time)
+            scaled = enumerate(zip(self.names, self._scales.tolist(), strict=True))
+            self.entries = {name: (number, place, scale) for place, (name, scale) in scaled}
         else:
             self.names = [p.name for p in row.parameters]
-            beside = replace(row, solver="rls", regression="direct")
-            more = (companion, covariance_slot(beside, forgetting))
             effects = len(self.names) - len(row.declared.parameters)
-            amplitudes = np.array((row.scales or [1.0] * effects)[:effects], dtype=np.float64)
-            named = zip(self.names[-effects:] if effects else [], amplitudes.tolist(), strict=True)
-            self.places = {
-                name: (companion, 2 + number, scale) for number, (name, scale) in enumerate(named)
-            }
-            self.write = lambda one, values, deviations: write_hunt_crossley(
-                one, *where, amplitudes, *more, room, values, deviations
+            self._scales = np.array((row.scales or [1.0] * effects)[:effects], dtype=np.float64)
+            beside = enumerate(
+                zip(self.names[len(self.names) - effects :], self._scales.tolist(), strict=True)
             )
-            self.read = lambda one, values: read_hunt_crossley(
-                one, number, amplitudes, companion, values
-            )
-        if settings.force_lag_deviation_s > 0.0:
-            self.write = _with_lag_error(self.write, self.names, settings.force_lag_deviation_s)
-        if settings.friction_deviation > 0.0 and row.linear:
-            self.write = _with_friction_error(self.write, self.names, settings)
+            self.entries = {name: (companion, 2 + place, scale) for place, (name, scale) in beside}
+
+    def write_places(self, out: Places) -> None:
+        """Write where the estimate comes from, and the errors that samples do not average out.
+
+        A force that is late by dt reads f - f' dt, and k x - k v dt reduces the damping by k dt:
+        one error of all samples. Damping moves mass in the same way. Friction has one sign on the
+        way in and the other on the way out: at the bank's scales of length and speed it is a
+        stiffness and a damping. Longer ways show them better.
+        """
+        row, settings, names = self._row, self._settings, self.names
+        forgetting = settings.solver_settings().forgetting
+        out.row, out.names, out.linear = self._number, len(names), row.linear
+        out.slot, out.place = covariance_slot(row, forgetting), _stiffness_place(row)
+        out.integral, out.scaled = row.solver == "iec", len(self._scales)
+        out.scales[: len(self._scales)] = self._scales
+        out.companion = self._companion
+        beside = replace(row, solver="rls", regression="direct")
+        out.companion_slot = covariance_slot(beside, forgetting)
+        out.k_at, out.b_at, out.m_at = (
+            names.index(name) if name in names else NONE for name in "kbm"
+        )
+        out.lag_s = settings.force_lag_deviation_s
+        if row.linear:
+            out.friction_k = settings.friction_deviation / settings.length
+            out.friction_b = settings.friction_deviation / (settings.length / settings.time)

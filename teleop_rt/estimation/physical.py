@@ -161,20 +161,6 @@ def hunt_crossley_values(
 
 
 @kernel
-def read_linear(one: index.StateArray, r: int, scales: Vector, values: Vector) -> None:
-    """Write the parameters of a linear row, without their deviations."""
-    linear_values(one[0], r, scales, values)
-
-
-@kernel
-def read_hunt_crossley(
-    one: index.StateArray, r: int, scales: Vector, companion: int, values: Vector
-) -> None:
-    """Write the parameters of a Hunt-Crossley row, without their deviations."""
-    hunt_crossley_values(one[0], r, scales, companion, values)
-
-
-@kernel
 def write_linear(
     one: index.StateArray,
     r: int,

@@ -6,18 +6,19 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact import detection
 from teleop_rt.contact import surface as surface_fit
+from teleop_rt.estimation import layout, selection, watch
 from teleop_rt.estimation import rows as row_kinds
-from teleop_rt.estimation import selection, watch
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
+from teleop_rt.estimation.estimates import Places, new_places, write_estimate, write_logged
 from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
 from teleop_rt.estimation.rows import RowSpec
@@ -91,6 +92,10 @@ class Pipeline:
         )
         self._surface_motion = settings.surface_motion()
         self._conversions = [Conversion(row, r, len(rows), settings) for r, row in enumerate(rows)]
+        self._places = new_places(len(rows))
+        for conversion, place in zip(self._conversions, self._places, strict=True):
+            conversion.write_places(cast("Places", place))
+        self._room = np.zeros((layout.MAX_PARAMETERS, layout.MAX_PARAMETERS))
         self.streaming = Streaming(
             self.rows, settings, self._one, self._state, self._conversions, self._surface_motion
         )
@@ -282,7 +287,12 @@ class Pipeline:
         values and deviations: as long as the row's parameters and, of a linear model, its offset.
         Returns whether the deviations are known.
         """
-        return self._conversions[row].write(self._one, values, deviations)
+        arrays = self._one, self._places, self._room
+        return write_estimate(*arrays, row, values, deviations)
+
+    def logged(self, row: Vector) -> Callable[[int, int], None]:
+        """Return what writes the estimate of a row, by its number, into a log's row at a stamp."""
+        return bound(write_logged, (self._one, self._places, self._room, row), 0, 0)
 
     def condition(self, row: int) -> float | None:
         """Return the condition number of a row's (scaled) normal matrix, None before any data."""

@@ -77,7 +77,7 @@ class Streaming:
         plan[walls.COUNT, walls.DEFAULT] = len(effects)
         named = [*enumerate(walls.NUMBERS.items(), walls.K), *enumerate(effects, walls.AMPLITUDES)]
         for i, (name, default) in named:
-            plan[i] = *conversion.places.get(name, _NO_PLACE), default
+            plan[i] = *conversion.entries.get(name, _NO_PLACE), default
         return plan
 
     def write_wall(self, out: Vector) -> bool:

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
-from teleop_rt.estimation import layout
+from teleop_rt.estimation import layout, selection
 from teleop_rt.estimation import rows as row_kinds
-from teleop_rt.estimation import selection
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.physical import NONE, hunt_crossley
 from teleop_rt.jit import kernel

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation.estimates import LEADING, MOST_NAMES
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import OFFSET, RowSpec
 from teleop_rt.realtime.ring import RingWriter
@@ -36,31 +36,25 @@ class EstimateLog:
     """One ring for each estimator, filled in turn."""
 
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
-        self._pipeline = pipeline
-        self._rings: list[RingWriter] = []
-        self._rows: list[tuple[memoryview[float], Vector, Vector]] = []
+        self._rings: list[tuple[RingWriter, memoryview[float]]] = []
         self._next = 0
+        stored = np.zeros(LEADING + 2 * MOST_NAMES)
+        memory = stored.data.cast("B").cast("d")
+        self._write = pipeline.logged(stored)
         for row in pipeline.rows:
             table = estimate_table(row)
             topic = "/estimates/" + "/".join(row.label)
-            self._rings.append(publish(topic, table))
-            stored = np.zeros(len(table))
-            values, deviations = np.split(stored[len(_LEADING) :], 2)
-            self._rows.append((stored.data.cast("B").cast("d"), values, deviations))
+            self._rings.append((publish(topic, table), memory[: len(table)]))
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""
-        index, pipeline = self._next, self._pipeline
-        self._next = (index + 1) % len(self._rings)
-        bank, (row, values, deviations) = pipeline.bank, self._rows[index]
-        pipeline.write_estimate(index, values, deviations)
-        row[0] = stamp_ns
-        row[1] = bank.status.item(index)
-        row[2] = bank.lambda_.item(index)
-        row[3] = bank.restarts.item(index)
-        self._rings[index].copy(row)
+        number = self._next
+        self._next = (number + 1) % len(self._rings)
+        self._write(number, stamp_ns)
+        ring, row = self._rings[number]
+        ring.copy(row)
 
     def close(self) -> None:
         """Close the rings for their readers."""
-        for ring in self._rings:
+        for ring, _ in self._rings:
             ring.close()
