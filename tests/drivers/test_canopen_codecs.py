@@ -19,6 +19,7 @@ from teleop_rt_drivers.canopen.entries import address
 from teleop_rt_drivers.canopen.node_config import PdoConfig
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.setup import interpolation_period
+from teleop_rt_drivers.canopen.watch import new_lives
 from teleop_rt_drivers.quantity import Scale
 
 FILES = {"encoder_cia406.eds": 0x10, "force_cia404.eds": 0x20, "drive_cia402.eds": 0x30}
@@ -255,7 +256,8 @@ class TestDrive:
     def report(self, drive, statusword, position):
         drive.replies.asked()
         slots = in_slot(self.TPDO.cob_id, self.TPDO.struct.pack(statusword, 0, position))
-        assert intake.take_frames(drive.record.stored, Counters().words, slots, 0, 1) == 1
+        arrays = drive.record.stored, Counters().words, new_lives(0), slots
+        assert intake.take_frames(*arrays, 0, 1, 0) == 1
         self.settle(drive)
 
     def settle(self, drive):

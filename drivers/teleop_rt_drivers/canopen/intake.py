@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from teleop_rt.jit import kernel
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
 from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
+from teleop_rt_drivers.canopen.watch import hear, lost_life, new_lives
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import Slots
+    from teleop_rt_drivers.canopen.watch import Lives
 
     Whole = NDArray[np.int64]
 
@@ -33,6 +35,9 @@ SILENT_CYCLES = 3
 NOWHERE, NOBODY = -1, -1
 DUPLICATE = 1 << 8
 """Bit of `settle` for a second sender; below it those of sources that gave no new value."""
+LOST = 1 << 9
+"""Bit of `take_cycle` for a node whose heartbeat ended, or says that it has left."""
+_STATE_BITS = 0x7F
 
 _KINDS = "bBhHiIqQfd"
 """Formats of fields, by their codes for kernels."""
@@ -183,8 +188,35 @@ def take_drive(s: Source, slots: Slots, row: int, counts: Whole) -> None:
 
 
 @kernel
-def take_frames(sources: Sources, counts: Whole, slots: Slots, first: int, count: int) -> int:
-    """Take frames from `first` on; return the first one that is no source's, else `count`."""
+def take_heartbeat(
+    lives: Lives, counts: Whole, can_id: int, length: int, byte: int, now_ns: int
+) -> bool:
+    """Take a frame that is a node's heartbeat; return whether it is one."""
+    for index in range(len(lives)):
+        life: Any = lives[index]
+        if life.cob_id == can_id:
+            if length == 1:
+                hear(life, byte & _STATE_BITS, now_ns)
+            else:
+                counts[_WRONG_LENGTH] += 1
+            return True
+    return False
+
+
+@kernel
+def take_frames(
+    sources: Sources,
+    counts: Whole,
+    lives: Lives,
+    slots: Slots,
+    first: int,
+    count: int,
+    now_ns: int,
+) -> int:
+    """Take frames from `first` on; return the first one that is no source's, else `count`.
+
+    Nor is a heartbeat handed back, of a node whose COB-ID is among the `lives`.
+    """
     for row in range(first, count):
         can_id = np.int64(0)
         for byte in range(4):
@@ -199,7 +231,9 @@ def take_frames(sources: Sources, counts: Whole, slots: Slots, first: int, count
                 else:
                     take_value(s, slots, row, counts)
         if not taken:
-            return row
+            length, byte = slots[row, LENGTH_AT], slots[row, DATA_AT]
+            if not take_heartbeat(lives, counts, int(can_id), length, byte, now_ns):
+                return row
     return count
 
 
@@ -284,20 +318,25 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
 def take_cycle(
     sources: Sources,
     counts: Whole,
+    lives: Lives,
     slots: Slots,
     first: int,
     count: int,
     sync_ns: int,
+    now_ns: int,
     asks: bool,
 ) -> int:
     """Take frames from `first` on and end the cycle; with `asks` the next SYNC is sent then.
 
-    Return what `settle` does. Where a frame is no source's nothing has ended: -1 minus its place.
+    Return what `settle` does, and LOST. Where a frame is for somebody else nothing has ended: -1
+    minus its place.
     """
-    row = take_frames(sources, counts, slots, first, count)
+    row = take_frames(sources, counts, lives, slots, first, count, now_ns)
     if row < count:
         return -1 - row
     events = settle(sources, counts, sync_ns)
+    if lost_life(lives, now_ns) >= 0:
+        events |= LOST
     if asks:
         ask(sources)
         counts[_SYNC_SENT] += 1
@@ -308,7 +347,9 @@ def take_cycle(
 def load_kernels() -> None:
     """Compile or load what a cycle takes, so that the first one does not wait for it."""
     sources, counts = SourceRecord().stored, np.zeros(TOTAL + 1, np.int64)
-    slots = np.zeros((1, DATA_AT + 8), np.uint8)
-    take_frames(sources, counts, slots, 0, 1)
+    slots, lives = np.zeros((1, DATA_AT + 8), np.uint8), new_lives(1)
+    take_frames(sources, counts, lives, slots, 0, 1, 0)
+    hear(lives[0], 0, 0)
+    lost_life(lives, 0)
     ask(sources)
-    take_cycle(sources, counts, slots, 0, 0, 0, True)  # noqa: FBT003 - as above
+    take_cycle(sources, counts, lives, slots, 0, 0, 0, 0, True)  # noqa: FBT003 - as above

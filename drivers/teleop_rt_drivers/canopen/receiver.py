@@ -9,7 +9,7 @@ from teleop_rt.jit import bound
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
 from teleop_rt_drivers.canopen import eds, intake, setup
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
-from teleop_rt_drivers.canopen.intake import DUPLICATE, NOBODY, side_by_side
+from teleop_rt_drivers.canopen.intake import DUPLICATE, LOST, NOBODY, side_by_side
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
@@ -77,11 +77,10 @@ class Receiver:
         records = [part.record for part in parts if part is not None]
         self._sources, self._words = side_by_side(records), counters.words
         self._names = {node.node_id: name for name, node in config.nodes.items()}
+        guarded = {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
+        self.guards = NodeGuards(guarded)
         self._heartbeats = HeartbeatConsumer(
-            {node.node_id: node.silence_ms for node in config.nodes.values()}
-        )
-        self.guards = NodeGuards(
-            {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
+            {node.node_id: node.silence_ms for node in config.nodes.values()}, guarded
         )
         intake.load_kernels()
         self._bound: dict[int, Callable[..., int]] = {}
@@ -90,7 +89,8 @@ class Receiver:
         self._closed = False
         self._handlers = self._handler_table()
         for record in records:
-            if record.source.cob_id in self._handlers:
+            cob_id = record.source.cob_id
+            if cob_id in self._handlers or cob_id in self._heartbeats.lives["cob_id"]:
                 record.source.cob_id = NOBODY
         self._missing = 0
         self._watching = False
@@ -121,11 +121,11 @@ class Receiver:
         count = self._arrived(now_ns)
         slots = self._reader.slots
         take_cycle = self._bound.get(id(slots)) or self._bind(slots)
-        events = take_cycle(0, count, sync_ns, asks)
+        events = take_cycle(0, count, sync_ns, now_ns, asks)
         while events < 0:
             row = -1 - events
             self._hand_on(*self._reader.frame(row)[:2], now_ns)
-            events = take_cycle(row + 1, count, sync_ns, asks)
+            events = take_cycle(row + 1, count, sync_ns, now_ns, asks)
         if self._drive is not None:
             self._drive.settle()
         self._find_faults(now_ns, events)
@@ -135,8 +135,8 @@ class Receiver:
 
     def _bind(self, slots: Slots) -> Callable[..., int]:
         """Return what takes a cycle's frames from these slots: the reader's own, or the bus's."""
-        arrays = self._sources, self._words, slots
-        self._bound[id(slots)] = bound(intake.take_cycle, arrays, 0, 0, 0, True)  # noqa: FBT003
+        arrays = self._sources, self._words, self._heartbeats.lives, slots
+        self._bound[id(slots)] = bound(intake.take_cycle, arrays, 0, 0, 0, 0, True)  # noqa: FBT003
         return self._bound[id(slots)]
 
     def _stale(self, events: int) -> str:
@@ -158,7 +158,8 @@ class Receiver:
         if (switch := self._switch) is not None:
             table[switch.cob_id] = lambda _, data, __: self._on_switch(switch, data)
         for node in self._config.nodes.values():
-            table[BOOT_UP + node.node_id] = self._on_heartbeat
+            if node.node_id in self.guards:
+                table[BOOT_UP + node.node_id] = self._on_guarded
             table[EMERGENCY + node.node_id] = self._on_emergency
         masters = (setup.NMT, daemon.sync_cob_id, BOOT_UP + daemon.node_id)
         return table | dict.fromkeys(masters, self._on_foreign_master)
@@ -171,11 +172,11 @@ class Receiver:
         inputs = codec.struct.unpack(data)[codec.slot(drive.switch.entry)]
         self._closed = inputs >> drive.switch.bit & 1 == drive.switch.closed
 
-    def _on_heartbeat(self, can_id: int, data: Data, now_ns: int) -> None:
+    def _on_guarded(self, can_id: int, data: Data, now_ns: int) -> None:
         node = can_id & 0x7F
         if len(data) != 1:
             self.counters["wrong_length"] += 1
-        elif node in self.guards and not self.guards.accepts(node, data[0]):
+        elif not self.guards.accepts(node, data[0]):
             self.counters["bad_toggle"] += 1
         else:
             self._heartbeats.heard(node, data[0] & 0x7F, now_ns)
@@ -201,11 +202,11 @@ class Receiver:
     def drain(self, now_ns: int) -> None:
         """Hand every waiting frame to its handler; a flood is left for the next cycle."""
         count = self._arrived(now_ns)
-        sources, words, slots = self._sources, self._words, self._reader.slots
-        row = intake.take_frames(sources, words, slots, 0, count)
+        arrays = self._sources, self._words, self._heartbeats.lives, self._reader.slots
+        row = intake.take_frames(*arrays, 0, count, now_ns)
         while row < count:
             self._hand_on(*self._reader.frame(row)[:2], now_ns)
-            row = intake.take_frames(sources, words, slots, row + 1, count)
+            row = intake.take_frames(*arrays, row + 1, count, now_ns)
 
     def _arrived(self, now_ns: int) -> int:
         """Return how many frames wait now.
@@ -245,11 +246,16 @@ class Receiver:
         """Latch faults that follow from the devices' silence and states."""
         if self._drive is not None and (self._drive.faulty or self._drive.fell_out):
             self.raise_fault(AxisFault.DRIVE_FAULT)
-        if self.fault is NO_AXIS_FAULT and (lost := self._heartbeats.lost(now_ns)) is not None:
-            self.raise_fault(AxisFault.DEVICE_LOST)
-            self.complaint = f"{self._names.get(lost, 'node')} (0x{lost:02X}): its heartbeat ended"
+        if events & LOST and self.fault is NO_AXIS_FAULT:
+            self._note_lost(now_ns)
         if events & DUPLICATE:
             self.raise_fault(AxisFault.DUPLICATE_NODE)
+
+    def _note_lost(self, now_ns: int) -> None:
+        """Latch that a node's heartbeat ended, and name the node."""
+        if (lost := self._heartbeats.lost(now_ns)) is not None:
+            self.raise_fault(AxisFault.DEVICE_LOST)
+            self.complaint = f"{self._names.get(lost, 'node')} (0x{lost:02X}): its heartbeat ended"
 
     def _fill(self, sample: Sample) -> None:
         """Write what is known into the caller's sample; `valid` is already set."""

@@ -4,57 +4,95 @@ from __future__ import annotations
 
 import contextlib
 import errno
+from collections.abc import Collection
+from typing import Any
 
 import can
+import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.axis import AxisFault
+from teleop_rt.jit import kernel
+from teleop_rt_drivers.canopen.sdo import BOOT_UP
 
 OPERATIONAL = 5
+_NOBODY = -1
 CAN_ERR_CONTROLLER = 0x004
 CAN_ERR_BUS_OFF = 0x040
 CONTROLLER_PASSIVE = 0x30
 QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 
-class HeartbeatConsumer:
-    """Finds nodes that fall silent or leave the operational state (CiA 301, 7.2.8.3.2)."""
+class Life:
+    """Fields of a node's life: COB-ID and timeout of its heartbeat, when it was heard, its state.
 
-    def __init__(self, timeouts_ms: dict[int, int]) -> None:
-        self._timeout_ns = {node: ms * 1_000_000 for node, ms in timeouts_ms.items()}
-        self._seen_ns = dict.fromkeys(timeouts_ms, 0)
-        self._state = dict.fromkeys(timeouts_ms, OPERATIONAL)
-        self._left_ns = dict.fromkeys(timeouts_ms, 0)
-        self._earliest_ns = 0
+    `left_ns` is when it was last operational.
+    """
+
+    cob_id: int
+    timeout_ns: int
+    state: int
+    seen_ns: int
+    left_ns: int
+
+
+Lives = NDArray[np.record]
+
+
+def new_lives(nodes: int) -> Lives:
+    """Return zeroed lives of so many nodes."""
+    fields = np.dtype([(name, np.int64) for name in Life.__annotations__])
+    return np.zeros(nodes, np.dtype((np.record, fields)))
+
+
+@kernel
+def hear(life: Life, state: int, now_ns: int) -> None:
+    """Take a heartbeat: `state` is the node's NMT state, 0 its boot-up."""
+    life.seen_ns, life.state = now_ns, state
+    if state == OPERATIONAL:
+        life.left_ns = now_ns
+    if state == 0:
+        life.left_ns = now_ns - life.timeout_ns - 1
+
+
+@kernel
+def lost_life(lives: Lives, now_ns: int) -> int:
+    """Return the place of a node that is silent, has restarted or is not operational, or -1."""
+    for index in range(len(lives)):
+        life: Any = lives[index]
+        if now_ns - min(life.seen_ns, life.left_ns) > life.timeout_ns:
+            return index
+    return -1
+
+
+class HeartbeatConsumer:
+    """Finds nodes that fall silent or leave the operational state (CiA 301, 7.2.8.3.2).
+
+    `lives` is what kernels take; a heartbeat of one that is `guarded` is left to the caller.
+    """
+
+    def __init__(self, timeouts_ms: dict[int, int], guarded: Collection[int] = ()) -> None:
+        self._nodes = list(timeouts_ms)
+        self.lives = new_lives(len(timeouts_ms))
+        self.lives["cob_id"] = [
+            _NOBODY if node in guarded else BOOT_UP + node for node in timeouts_ms
+        ]
+        self.lives["timeout_ns"] = [ms * 1_000_000 for ms in timeouts_ms.values()]
+        self.start(0)
 
     def start(self, now_ns: int) -> None:
         """Begin to watch: every node has its whole timeout from now."""
-        for node in self._seen_ns:
-            self._seen_ns[node] = self._left_ns[node] = now_ns
-            self._state[node] = OPERATIONAL
-        self._earliest_ns = 0
+        self.lives["seen_ns"] = self.lives["left_ns"] = now_ns
+        self.lives["state"] = OPERATIONAL
 
     def heard(self, node: int, state: int, now_ns: int) -> None:
         """Take a heartbeat: `state` is the node's NMT state, 0 its boot-up."""
-        self._seen_ns[node] = now_ns
-        self._state[node] = state
-        if state == OPERATIONAL:
-            self._left_ns[node] = now_ns
-        if state == 0:
-            self._left_ns[node] = now_ns - self._timeout_ns[node] - 1
-            self._earliest_ns = 0
+        hear(self.lives[self._nodes.index(node)], state, now_ns)
 
     def lost(self, now_ns: int) -> int | None:
         """Return a node that is silent, has restarted or is not operational, or None."""
-        if now_ns < self._earliest_ns:
-            return None
-        earliest = now_ns + min(self._timeout_ns.values())
-        for node, timeout in self._timeout_ns.items():
-            last = min(self._seen_ns[node], self._left_ns[node])
-            if now_ns - last > timeout:
-                return node
-            earliest = min(earliest, last + timeout)
-        self._earliest_ns = earliest
-        return None
+        index = lost_life(self.lives, now_ns)
+        return None if index < 0 else self._nodes[index]
 
 
 class NodeGuards:
