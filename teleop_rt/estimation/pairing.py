@@ -9,12 +9,16 @@ a force that swings is found smaller than it is, and stiffness with it.
 from __future__ import annotations
 
 import math
-from collections import deque
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.jit import bound, kernel
+
 Vector = NDArray[np.float64]
+Counts = NDArray[np.int64]
+StoredPairs = NDArray[np.record]
 Flags = NDArray[np.bool_]
 
 CUTOFF_SHARE = 0.125
@@ -48,6 +52,161 @@ def settling_filter(settling_ns: int, conversion_ns: int) -> tuple[Vector, Vecto
     return steps * (settling_ns / order / TAPS), weights
 
 
+class Pairs:
+    """Fields of what a pairing keeps: settings, its rings' places, and the newest pair.
+
+    `averages` says that the position is averaged by the caller, in `half_ns` about the time.
+    """
+
+    lag_ns: int
+    period_ns: int
+    half_ns: int
+    averages: int
+    newest: int
+    count: int
+    oldest: int
+    waiting: int
+    force_ns: int
+    next_ns: int
+    last_ns: int
+    gap: int
+    position: float
+    force: float
+
+
+_TYPES = {"int": np.int64, "float": np.float64}
+_PAIRS = np.dtype([(name, _TYPES[kind]) for name, kind in Pairs.__annotations__.items()])
+_NAMES = list(Pairs.__annotations__)
+_LAST, _GAP, _POSITION, _FORCE = map(_NAMES.index, ("last_ns", "gap", "position", "force"))
+NOTHING, PAIR, TO_AVERAGE = range(3)
+"""What a cycle gives: no pair, one, or a force whose position the caller averages."""
+
+
+@kernel
+def note_position(
+    p: Pairs, stamps: Counts, positions: Vector, position: float, stamp_ns: int
+) -> None:
+    """Keep a position that is newer than all others."""
+    size = len(stamps)
+    if p.count == 0 or stamp_ns > stamps[p.newest]:
+        p.newest = (p.newest + 1) % size
+        stamps[p.newest], positions[p.newest] = stamp_ns, position
+        p.count = min(p.count + 1, size)
+
+
+@kernel
+def note_force(p: Pairs, times: Counts, forces: Vector, force: float, time_ns: int) -> None:
+    """Let a force wait; of too many the oldest is dropped."""
+    size = len(times)
+    if p.waiting == size:
+        drop_force(p, size)
+    at = (p.oldest + p.waiting) % size
+    times[at], forces[at] = time_ns, force
+    p.waiting += 1
+
+
+@kernel
+def drop_force(p: Pairs, size: int) -> None:
+    """Drop the oldest of the forces that wait."""
+    p.oldest = (p.oldest + 1) % size
+    p.waiting -= 1
+
+
+@kernel
+def count_lost(p: Pairs, stamp_ns: int) -> None:
+    """Set `gap` by the time since the last pair: whole periods beyond the first are lost."""
+    p.gap = 0
+    if p.last_ns >= 0:
+        p.gap = max(0, int(np.rint((stamp_ns - p.last_ns) / p.period_ns)) - 1)
+    p.last_ns = stamp_ns
+
+
+@kernel
+def meet(p: Pairs, stamps: Counts, positions: Vector, wanted_ns: int, force: float) -> int:
+    """Interpolate the position of a time; there is none where it is older than all kept."""
+    size, later = len(stamps), p.newest
+    for back in range(1, p.count):
+        earlier = (p.newest - back) % size
+        if stamps[earlier] <= wanted_ns:
+            share = (wanted_ns - stamps[earlier]) / (stamps[later] - stamps[earlier])
+            before, after = positions[earlier], positions[later]
+            p.position, p.force = before + share * (after - before), force
+            count_lost(p, wanted_ns)
+            return PAIR
+        later = earlier
+    return NOTHING
+
+
+@kernel
+def take_next(
+    stored: StoredPairs,
+    stamps: Counts,
+    positions: Vector,
+    times: Counts,
+    forces: Vector,
+    position: float,
+    position_ns: int,
+    force: float,
+    force_ns: int,
+) -> int:
+    """Take what is valid in a cycle; meet the oldest new force once its position is there."""
+    p: Any = stored[0]
+    note_position(p, stamps, positions, position, position_ns)
+    if force_ns != p.force_ns:
+        p.force_ns = force_ns
+        note_force(p, times, forces, force, force_ns - p.lag_ns)
+    if p.waiting == 0 or times[p.oldest] + p.half_ns > stamps[p.newest]:
+        return NOTHING
+    wanted_ns, met = times[p.oldest], forces[p.oldest]
+    drop_force(p, len(times))
+    if p.averages > 0:
+        p.next_ns, p.force = wanted_ns, met
+        return TO_AVERAGE
+    return meet(p, stamps, positions, wanted_ns, met)
+
+
+@kernel
+def take_even(
+    stored: StoredPairs,
+    stamps: Counts,
+    positions: Vector,
+    times: Counts,
+    forces: Vector,
+    position: float,
+    position_ns: int,
+    force: float,
+    force_ns: int,
+) -> int:
+    """Take what is valid in a cycle; meet at the next of evenly spaced times, if it has come."""
+    p: Any = stored[0]
+    size = len(times)
+    note_position(p, stamps, positions, position, position_ns)
+    last = (p.oldest + p.waiting - 1) % size
+    if p.waiting == 0 or force_ns - p.lag_ns > times[last]:
+        note_force(p, times, forces, force, force_ns - p.lag_ns)
+        last = (p.oldest + p.waiting - 1) % size
+    newest_ns = min(stamps[p.newest], times[last])
+    if p.next_ns < 0:
+        p.next_ns = newest_ns + p.period_ns
+    behind = (newest_ns - p.next_ns) // p.period_ns
+    if behind < 0:
+        return NOTHING
+    if behind > MOST_BEHIND:
+        p.next_ns += (behind - 1) * p.period_ns
+    wanted_ns = p.next_ns
+    p.next_ns += p.period_ns
+    while p.waiting > 2 and times[(p.oldest + 1) % size] <= wanted_ns:
+        drop_force(p, size)
+    at, then = p.oldest, (p.oldest + 1) % size
+    if p.waiting < 2 or times[at] > wanted_ns:
+        return NOTHING
+    if times[then] - times[at] > LARGEST_GAP_PERIODS * p.period_ns:
+        return NOTHING
+    share = (wanted_ns - times[at]) / (times[then] - times[at])
+    met = forces[at] + share * (forces[then] - forces[at])
+    return meet(p, stamps, positions, wanted_ns, met)
+
+
 class Pairing:
     """Keeps the newest positions, and meets each new force with the one that it belongs to.
 
@@ -55,92 +214,76 @@ class Pairing:
     it. Nothing is allocated after the start but for a converter that settles in `settling_s`.
     """
 
+    _taking = staticmethod(take_next)
+
     def __init__(
         self, loop_period_ns: int, pair_period_ns: int, lag_s: float, settling_s: float = 0.0
     ) -> None:
-        self._lag_ns = round(1e9 * lag_s)
-        self._period_ns = pair_period_ns
+        stored: StoredPairs = np.zeros(1, np.dtype((np.record, _PAIRS)))
+        self._pairs = pairs = cast("Pairs", stored[0])
+        pairs.lag_ns, pairs.period_ns = round(1e9 * lag_s), pair_period_ns
         self._filter = None
-        self._half_ns = 0
         if settling_s > 0.0:
             settling_ns = round(1e9 * settling_s)
             self._filter = settling_filter(settling_ns, pair_period_ns)
-            self._half_ns = settling_ns // 2
+            pairs.half_ns, pairs.averages = settling_ns // 2, 1
         # A force waits for positions of its time at most one period, and is that much older.
-        span_ns = abs(self._lag_ns) + 2 * (pair_period_ns + self._half_ns)
+        span_ns = abs(pairs.lag_ns) + 2 * (pair_period_ns + pairs.half_ns)
         size = math.ceil(span_ns / loop_period_ns) + 2 + MOST_BEHIND
-        self._stamps = [0] * size
-        self._positions = [0.0] * size
+        self._stamps, self._positions = np.zeros(size, np.int64), np.zeros(size)
+        words = stored.view(np.uint8).data
+        self._floats, self._counts = words.cast("d"), words.cast("q")
+        kept = self._stamps, self._positions
+        waiting = np.zeros(MOST_WAITING, np.int64), np.zeros(MOST_WAITING)
+        self._take = bound(self._taking, (stored, *kept, *waiting), 0.0, 0, 0.0, 0)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self._newest, self._count = -1, 0
-        self._force_ns = self._last_ns = -1
-        self._waiting: deque[tuple[int, float]] = deque(maxlen=MOST_WAITING)
-        self.position = self.force = 0.0
-        self.gap = 0
+        pairs = self._pairs
+        pairs.count = pairs.waiting = pairs.gap = 0
+        pairs.newest = pairs.force_ns = pairs.next_ns = pairs.last_ns = -1
+        pairs.position = pairs.force = 0.0
 
     def take(self, position: float, position_ns: int, force: float, force_ns: int) -> bool:
         """Take what is valid in a cycle, with its stamps; return whether there is a new pair."""
-        self._note_position(position, position_ns)
-        waiting = self._waiting
-        if force_ns != self._force_ns:
-            self._force_ns = force_ns
-            waiting.append((force_ns - self._lag_ns, force))
-        if not waiting or waiting[0][0] + self._half_ns > self._stamps[self._newest]:
-            return False
-        if self._filter is not None:
-            return self._meet_averaged(*waiting.popleft(), *self._filter)
-        return self._meet(*waiting.popleft())
+        found = self._take(position, position_ns, force, force_ns)
+        if found == TO_AVERAGE and self._filter is not None:
+            return self._meet_averaged(int(self._pairs.next_ns), *self._filter)
+        return found == PAIR
 
-    def _note_position(self, position: float, position_ns: int) -> None:
-        size = len(self._stamps)
-        if self._count == 0 or position_ns > self._stamps[self._newest]:
-            self._newest = (self._newest + 1) % size
-            self._stamps[self._newest], self._positions[self._newest] = position_ns, position
-            self._count = min(self._count + 1, size)
-
-    def _meet(self, wanted_ns: int, force: float) -> bool:
-        """Interpolate the position of a time; return false where it is older than all kept."""
-        size, later = len(self._stamps), self._newest
-        for back in range(1, self._count):
-            earlier = (self._newest - back) % size
-            if self._stamps[earlier] <= wanted_ns:
-                span = self._stamps[later] - self._stamps[earlier]
-                share = (wanted_ns - self._stamps[earlier]) / span
-                before, after = self._positions[earlier], self._positions[later]
-                self.position, self.force = before + share * (after - before), force
-                self._count_lost(wanted_ns)
-                return True
-            later = earlier
-        return False
-
-    def _meet_averaged(self, wanted_ns: int, force: float, times: Vector, weights: Vector) -> bool:
+    def _meet_averaged(self, wanted_ns: int, times: Vector, weights: Vector) -> bool:
         """Average the positions about a time; return false where it began before all kept."""
-        size, newest = len(self._stamps), self._newest
-        order = [(newest - back) % size for back in range(self._count - 1, -1, -1)]
-        oldest_ns = self._stamps[order[0]]
-        if wanted_ns - self._half_ns < oldest_ns:
+        pairs, size = self._pairs, len(self._stamps)
+        order = (int(pairs.newest) - np.arange(int(pairs.count) - 1, -1, -1)) % size
+        oldest_ns = int(self._stamps[order[0]])
+        if wanted_ns - int(pairs.half_ns) < oldest_ns:
             return False
-        stamps = np.array([self._stamps[at] - oldest_ns for at in order], dtype=np.float64)
-        positions = np.array([self._positions[at] for at in order])
-        around = np.interp(times + (wanted_ns - oldest_ns), stamps, positions)
-        self.position, self.force = float(weights @ around), force
-        self._count_lost(wanted_ns)
+        stamps = (self._stamps[order] - oldest_ns).astype(np.float64)
+        around = np.interp(times + (wanted_ns - oldest_ns), stamps, self._positions[order])
+        pairs.position = float(weights @ around)
+        count_lost(pairs, wanted_ns)
         return True
 
-    def _count_lost(self, stamp_ns: int) -> None:
-        """Set `gap` by the time since the last pair: whole periods beyond the first are lost."""
-        self.gap = 0
-        if self._last_ns >= 0:
-            self.gap = max(0, round((stamp_ns - self._last_ns) / self._period_ns) - 1)
-        self._last_ns = stamp_ns
+    @property
+    def position(self) -> float:
+        """Position of the newest pair."""
+        return self._floats[_POSITION]
+
+    @property
+    def force(self) -> float:
+        """Force of the newest pair."""
+        return self._floats[_FORCE]
+
+    @property
+    def gap(self) -> int:
+        """How many pairs were lost before the newest one."""
+        return self._counts[_GAP]
 
     @property
     def stamp_ns(self) -> int:
         """Time to which the newest pair belongs."""
-        return self._last_ns
+        return self._counts[_LAST]
 
 
 class EvenPairing(Pairing):
@@ -150,36 +293,7 @@ class EvenPairing(Pairing):
     it and the position are interpolated at times one period apart.
     """
 
-    def reset(self) -> None:
-        """Forget everything."""
-        super().reset()
-        self._next_ns = -1
-
-    def take(self, position: float, position_ns: int, force: float, force_ns: int) -> bool:
-        """Take what is valid in a cycle, with its stamps; return whether there is a new pair."""
-        self._note_position(position, position_ns)
-        forces = self._waiting
-        if not forces or force_ns - self._lag_ns > forces[-1][0]:
-            forces.append((force_ns - self._lag_ns, force))
-        newest_ns = min(self._stamps[self._newest], forces[-1][0])
-        if self._next_ns < 0:
-            self._next_ns = newest_ns + self._period_ns
-        behind = (newest_ns - self._next_ns) // self._period_ns
-        if behind < 0:
-            return False
-        if behind > MOST_BEHIND:
-            self._next_ns += (behind - 1) * self._period_ns
-        wanted_ns = self._next_ns
-        self._next_ns += self._period_ns
-        while len(forces) > 2 and forces[1][0] <= wanted_ns:
-            forces.popleft()
-        if len(forces) < 2 or forces[0][0] > wanted_ns:
-            return False
-        (before_ns, before), (after_ns, after) = forces[0], forces[1]
-        if after_ns - before_ns > LARGEST_GAP_PERIODS * self._period_ns:
-            return False
-        share = (wanted_ns - before_ns) / (after_ns - before_ns)
-        return self._meet(wanted_ns, before + share * (after - before))
+    _taking = staticmethod(take_even)
 
 
 def pairs_of(
