@@ -24,7 +24,8 @@ from teleop_rt.estimation.walls import (
     N,
 )
 from teleop_rt.jit import kernel
-from teleop_rt.link.messages import MODEL_CODES, MOST_EFFECTS
+from teleop_rt.link.codec import MODEL_CODES
+from teleop_rt.link.messages import MOST_EFFECTS
 from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR
 from teleop_rt.slave.felt import NEW, NO_MODEL, POSITION, SENT, VELOCITY, is_felt
 

@@ -8,7 +8,8 @@ from teleop_rt.config_link import LinkConfig
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.rows import KELVIN_VOIGT, UNILATERAL
-from teleop_rt.link.messages import Kind, decode
+from teleop_rt.link.codec import decode
+from teleop_rt.link.messages import Kind
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.record import TickRecord
 
