@@ -141,6 +141,18 @@ def test_a_disk_that_is_full_at_the_summary_loses_none_of_it(
     ]  # fmt: skip
 
 
+def test_a_process_that_may_open_no_further_file_says_how_to_allow_it(call, tmp_path):
+    used = len(list(Path("/proc/self/fd").iterdir()))
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (used, before[1]))
+    try:
+        code, out, err = call("run", SILICONE, "--out", tmp_path / "here")
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert (code, out) == (1, "")
+    assert f"a process may open {used} here: raise the limit with `ulimit -n 1024`" in err
+
+
 def test_a_rig_that_cannot_be_is_reported_before_anything_moves(call, tmp_path):
     trial = changed_trial(tmp_path, "simulated_canopen.yaml", "steam_engine.yaml")
     code, _, err = call("run", trial)

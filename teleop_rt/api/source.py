@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 
@@ -26,6 +28,11 @@ Row = ArrayLike
 Units = tuple[str, str]
 Surface = float | None
 UNITS = (("m", "N"), ("rad", "Nm"))
+_IN_PYTHON = {
+    "read": "in Python these options are the arguments columns, units and rate_hz",
+    "from_arrays": "from_arrays takes arrays as these options make them: in s, m, N and that sign",
+}
+"""What a Python caller does where a message names an option, by function."""
 
 
 def read(
@@ -37,9 +44,10 @@ def read(
     column is what and in which unit, where its name does not; `rate_hz` stands in for a column of
     time. Raises ExpectedError where the file cannot be used.
     """
-    return load_any(
-        recording_of(Path(file)), Table(dict(columns or {}), dict(units or {}), rate_hz)
-    )
+    with _options_named("read"):
+        return load_any(
+            recording_of(Path(file)), Table(dict(columns or {}), dict(units or {}), rate_hz)
+        )
 
 
 def from_arrays(
@@ -68,9 +76,21 @@ def from_arrays(
             " these units"
         )
     rows = [_row(*pair) for pair in (("time_s", time_s), ("position", position), ("force", force))]
-    found = checked.from_arrays("arrays", *rows, units=(units[0], units[1]), surface=surface)
-    refuse_wrong_units(found, None)
-    return found
+    with _options_named("from_arrays"):
+        found = checked.from_arrays("arrays", *rows, units=(units[0], units[1]), surface=surface)
+        refuse_wrong_units(found, None)
+        return found
+
+
+@contextmanager
+def _options_named(function: str) -> Iterator[None]:
+    """Add to an error that names an option of the command line what a Python caller does."""
+    try:
+        yield
+    except RecordingError as error:
+        if re.search(r"--(columns|units|surface|rate)\b", str(error)) is None:
+            raise
+        raise RecordingError(f"{error}; {_IN_PYTHON[function]}") from None
 
 
 def _row(name: str, values: Row) -> Vector:

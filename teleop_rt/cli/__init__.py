@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import resource
 import sys
 
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
@@ -165,6 +166,8 @@ app = LazyGroup(
 
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 """Errors of a disk that cannot be written: full, quota, file limit, read-only, broken."""
+_TOO_MANY = {errno.EMFILE, errno.ENFILE}
+"""Errors of a process, or a computer, that may open no further file."""
 
 
 def main() -> None:
@@ -178,6 +181,14 @@ def main() -> None:
         print(error, file=sys.stderr)
         sys.exit(error.code)
     except OSError as error:
+        if error.errno in _TOO_MANY:
+            most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+            print(
+                f"{error.strerror}: a process may open {most} here: raise the limit with `ulimit -n"
+                " 1024`, or LimitNOFILE= in a systemd unit, and try again",
+                file=sys.stderr,
+            )
+            sys.exit(FAULT)
         if error.errno not in _DISK:
             raise
         where = "a result" if error.filename is None else error.filename

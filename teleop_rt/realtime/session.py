@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import tempfile
@@ -58,6 +59,8 @@ def _room_in(place: Path) -> Iterator[None]:
     except FileExistsError:
         raise
     except OSError as error:
+        if error.errno in {errno.EMFILE, errno.ENFILE}:
+            raise
         raise SharedMemoryError(
             f"{place}: the rings of a run find no place there: {error.strerror}; `df -h {place}` "
             "shows the free space, `sudo mount -o remount,rw,size=256m /dev/shm` or, for a "

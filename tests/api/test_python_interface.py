@@ -237,6 +237,21 @@ def test_arrays_that_cannot_be_are_refused_with_the_cause(change, message):
         teleop_rt.from_arrays(**arrays)
 
 
+def test_a_message_that_names_an_option_says_what_a_python_caller_does(tmp_path):
+    time, position, force = press()
+    with pytest.raises(teleop_rt.ExpectedError, match=r"--units.*; from_arrays takes arrays as"):
+        teleop_rt.from_arrays(time, 1e3 * position, force)
+    with pytest.raises(teleop_rt.ExpectedError) as raised:
+        teleop_rt.from_arrays(time[:9], position[:9], force[:9])
+    assert "from_arrays takes" not in str(raised.value)
+    table = tmp_path / "a.csv"
+    table.write_text(
+        "t_s,a,b\n" + "".join(f"{t},{x},{f}\n" for t, x, f in zip(*press(), strict=True))
+    )
+    with pytest.raises(teleop_rt.ExpectedError, match=r"--columns.*; in Python .* arguments colum"):
+        teleop_rt.read(table)
+
+
 def test_names_and_files_that_are_unknown_are_refused_alike(tmp_path):
     recording = teleop_rt.from_arrays(*press())
     for refused in (

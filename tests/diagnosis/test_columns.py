@@ -52,8 +52,10 @@ def test_a_column_is_named_with_or_without_its_unit(tmp_path: Path) -> None:
         assert found.position == pytest.approx(sign * 1e-3 * X)
         assert found.force == pytest.approx(sign * FORCE)
     path = table(tmp_path / "b.csv", "t_s", "Rod (mm)", "Cell (N)", "Rod (m)")
-    with pytest.raises(RecordingError, match=r"no column 'Rod' .* Rod \(mm\), Cell \(N\), Rod"):
+    with pytest.raises(RecordingError, match=r"'Rod' for position; there are: t_s, Rod \(mm\), C"):
         load(path, layout_of(path, {"position": "Rod", "force": "Cell"}))
+    with pytest.raises(RecordingError, match=r"'Cel' for force; did you mean 'Cell \(N\)'\?"):
+        load(path, layout_of(path, {"position": "Rod (mm)", "force": "Cel"}))
 
 
 @pytest.mark.parametrize("sign", ["", "-"])
