@@ -32,7 +32,7 @@ _IN_PYTHON = {
     "read": "in Python these options are the arguments columns, units and rate_hz",
     "from_arrays": "from_arrays takes arrays as these options make them: in s, m, N and that sign",
 }
-"""What a Python caller does where a message names an option, by function."""
+"""The hint for a Python caller where a message names an option, by function."""
 
 
 def read(
@@ -84,7 +84,7 @@ def from_arrays(
 
 @contextmanager
 def _options_named(function: str) -> Iterator[None]:
-    """Add to an error that names an option of the command line what a Python caller does."""
+    """Add the hint for a Python caller to an error that names an option of the command line."""
     try:
         yield
     except RecordingError as error:
