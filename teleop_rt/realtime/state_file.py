@@ -8,8 +8,10 @@ from typing import Any
 
 
 def leave(path: Path, content: Any) -> None:
-    """Leave JSON: whoever reads it reads all of it, or what was there before."""
+    """Leave JSON: whoever reads it reads all of it, or what was there before; we alone write it."""
     unfinished = path.with_name(f"{path.name}.part")
+    unfinished.unlink(missing_ok=True)
+    unfinished.touch(mode=0o640)
     unfinished.write_text(json.dumps(content), encoding="utf-8")
     unfinished.rename(path)
 

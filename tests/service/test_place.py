@@ -6,10 +6,13 @@ from threading import Thread
 
 import pytest
 
+from teleop_rt.realtime.histogram import TimingHistograms
+from teleop_rt.realtime.session import describe, new_session, publish
 from teleop_rt.service import client, place
 from teleop_rt.service.client import DaemonError, find, request, request_reload
 from teleop_rt.service.commands import show
 from teleop_rt.service.local_socket import bind
+from teleop_rt.service.mailbox import CommandBox
 from teleop_rt.service.place import (
     BusyError,
     Claim,
@@ -115,6 +118,43 @@ def test_a_run_is_reported_at_once_as_taking_no_commands_and_never_taken_for_the
         daemon.mkdir()
         with claimed("Daemon", ["can1"], daemon):
             assert find(None).name == "daemon"  # which is just starting
+
+
+TRY_TO_WRITE = """
+import os, sys
+from pathlib import Path
+os.setgroups([])
+os.setgid(int(sys.argv[2])); os.setuid(65534)
+reached = []
+for path in sorted(Path(sys.argv[1]).iterdir()) if os.access(sys.argv[1], os.R_OK) else ():
+    try:
+        os.close(os.open(path, os.O_RDWR))
+    except PermissionError:
+        continue
+    reached.append(path.name)
+try:
+    (Path(sys.argv[1]) / "made").touch()
+except PermissionError:
+    print(reached)
+"""
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
+@pytest.mark.parametrize("group", [0, 65534], ids=["of the group", "a stranger"])
+def test_no_other_user_writes_to_a_daemons_shared_memory(group):
+    before = os.umask(0)  # the daemon's user may have the laxest one
+    try:
+        with new_session() as session, claimed("rig", [], session):
+            publish(session, "/slave", [])
+            describe(session, {})
+            TimingHistograms(session, create=True)
+            CommandBox(session, create=True)
+            assert len(list(session.iterdir())) >= 5
+            argv = [sys.executable, "-c", TRY_TO_WRITE, str(session), str(group)]
+            tried = subprocess.run(argv, capture_output=True, text=True, check=True)
+    finally:
+        os.umask(before)
+    assert tried.stdout == "[]\n"
 
 
 def trap_of(kind, path, victim):
