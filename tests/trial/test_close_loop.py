@@ -34,7 +34,7 @@ ALIKE = tuple(
     for name in ("stress_relaxation", "force_lag", "series_compliance", "nonlinear_stiffening",
                  "channel_delay", "force_bias")
 )  # fmt: skip
-"""What a compliance is taken for, and some that it is not; other tests name from all effects."""
+"""Effects that a compliance resembles, and some that it does not; other tests name from all."""
 
 
 @pytest.fixture(scope="module", autouse=True)
