@@ -31,7 +31,7 @@ from teleop_rt.estimation.rows import whole_for
 from teleop_rt.extras import install_command
 from teleop_rt.interrupts import Interrupts
 from teleop_rt.jit import kernel_folder
-from teleop_rt.link import channel
+from teleop_rt.link import packet_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.realtime import lateness
 from teleop_rt.slave.step import compile_step
@@ -144,7 +144,7 @@ def _compile_sides(trial: TrialConfig) -> None:
     compile_step()
     own = Path(trial.effects_file) if trial.effects_file else None
     RenderedEffects(library(own), deepest=1.0, speed=1.0)
-    channel.load_kernels()
+    packet_kernels.load_kernels()
     lateness.load_kernels()
     if isinstance(trial.plant, SimulatedPlantConfig):
         Plant(trial.plant, 0, trial.seed)

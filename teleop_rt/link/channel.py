@@ -8,13 +8,11 @@ the newest message taken in, or the time since it came, whichever is longer.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Literal
 
 from teleop_rt.jit import bound
 from teleop_rt.link import intake
-from teleop_rt.link.bodies import NewestMotion
 from teleop_rt.link.codec import (
     HEADER_BYTES,
     decode,
@@ -22,14 +20,12 @@ from teleop_rt.link.codec import (
     encode,
     encode_header,
     kind_of,
-    read_motion,
-    read_state,
 )
 from teleop_rt.link.handshake import Answerer, Budget, Caller
 from teleop_rt.link.keys import Keys
+from teleop_rt.link.mailbox import Mailbox
 from teleop_rt.link.messages import (
     Kind,
-    Message,
     MessageError,
     ModelMessage,
     MotionMessage,
@@ -37,12 +33,19 @@ from teleop_rt.link.messages import (
     Taken,
 )
 from teleop_rt.link.noise import TAG_BYTES, Body
+from teleop_rt.link.packet_kernels import load_kernels
 from teleop_rt.link.peer_clock import PeerClock
 from teleop_rt.link.session import ReplayWindow, Session
 from teleop_rt.link.sessions import Sessions
 from teleop_rt.link.statistics import SENT, Statistics
 from teleop_rt.link.transport import Address, Transport
-from teleop_rt.link.troubles import CLOCK_TROUBLE, NOTHING_TROUBLE, TAKEN_TROUBLE, TROUBLES
+from teleop_rt.link.troubles import (
+    CLOCK_TROUBLE,
+    NOTHING_TROUBLE,
+    TAKEN_TROUBLE,
+    TROUBLES,
+    first_refusal,
+)
 
 Role = Literal["master", "slave"]
 
@@ -58,25 +61,10 @@ _DATA: dict[Role, frozenset[int]] = {
 }
 
 
-@functools.cache
-def load_kernels() -> None:
-    """Compile or load what a packet passes, so that the first one does not wait for it."""
-    link, clock, statistics = intake.new_words(0, 0), PeerClock(), Statistics()
-    words = (link, clock.words, statistics.words)
-    intake.read_header(link, bytes(HEADER_BYTES))
-    intake.take_in(*words, b"", 0, 0, 0)
-    intake.take_stamps(*words, 0)
-    window = ReplayWindow()
-    window.check(1)
-    window.add(1)
-    clock.exchange(0, 0, 0, 0)
-    clock.fix()  # asks for the link's own time, now that there is one
-
-
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 
 
-class Endpoint:
+class Endpoint(Mailbox):
     """One end of the link over a transport, in the role of master or slave.
 
     `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
@@ -97,10 +85,11 @@ class Endpoint:
         one_way_max_ns: int | None = None,
         stale_after_ns: int = 100_000_000,
     ) -> None:
+        super().__init__()
         self._role: Role = role
         self._data = _DATA[role]
         self._kinds = sum(1 << kind for kind in self._data - _READ_AT_ONCE)
-        self._transport = transport
+        self.transport = transport
         self._now_ns = now_ns
         self._rate_hz = rate_hz
         self._rates_hz = accepted_rates_hz
@@ -120,25 +109,6 @@ class Endpoint:
         self._bind(ReplayWindow())
         self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
         self._sent = self.statistics.words.data[SENT : SENT + 1]
-        self.newest_motion = NewestMotion()
-        self._motion: MotionMessage | bytes | None = None
-        self._state: StateMessage | bytes | None = None
-        self.model: ModelMessage | None = None
-        self.fresh_motion = self.fresh_state = False
-
-    @property
-    def motion(self) -> MotionMessage | None:
-        """The newest motion of the master; its bytes are read once somebody asks."""
-        if isinstance(self._motion, bytes):
-            self._motion = read_motion(self._motion)
-        return self._motion
-
-    @property
-    def state(self) -> StateMessage | None:
-        """The newest state of the slave; its bytes are read once somebody asks."""
-        if isinstance(self._state, bytes):
-            self._state = read_state(self._state)
-        return self._state
 
     @property
     def connected(self) -> bool:
@@ -171,7 +141,7 @@ class Endpoint:
         """The reason why the link is not connected, as a sentence; None while it is."""
         if self.connected:
             return TROUBLES[CLOCK_TROUBLE][1] if self._numbers[intake.IS_STALE] else None
-        return TROUBLES[self._rejection() or NOTHING_TROUBLE][1]
+        return TROUBLES[self._refusal() or NOTHING_TROUBLE][1]
 
     def trouble_code(self, now_ns: int) -> int:
         """Return the index of the trouble in TROUBLES; 0 while there is none, or none yet.
@@ -181,16 +151,11 @@ class Endpoint:
         if self.connected and not self.sessions.silent(now_ns):
             return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
         silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
-        return self._rejection() or (NOTHING_TROUBLE if silent else 0)
+        return self._refusal() or (NOTHING_TROUBLE if silent else 0)
 
-    def _rejection(self) -> int:
-        """Return the index of the first trouble for which packets were rejected, or 0."""
-        if self.taken_by is not None:
-            return TAKEN_TROUBLE
-        for index, (reason, _) in enumerate(TROUBLES):
-            if self.statistics.rejected.get(reason):
-                return index
-        return 0
+    def _refusal(self) -> int:
+        """Return the index of the trouble for which packets are refused, or 0."""
+        return TAKEN_TROUBLE if self.taken_by is not None else first_refusal(self.statistics)
 
     def silence_ns(self, now_ns: int) -> int:
         """Return the age of the newest message taken in, or the time since start before one."""
@@ -203,7 +168,7 @@ class Endpoint:
         self._answerer.new_poll()
         now_ns = self._now_ns()
         for _ in range(PACKETS_PER_POLL):
-            packet = self._transport.receive()
+            packet = self.transport.receive()
             if packet is None:
                 break
             try:
@@ -229,7 +194,7 @@ class Endpoint:
     def forget_waiting(self) -> None:
         """Drop what has come while nobody polled: a peer that called for minutes left thousands."""
         for _ in range(MOST_WAITING):
-            if self._transport.receive() is None:
+            if self.transport.receive() is None:
                 return
 
     def send(self, message: MotionMessage | ModelMessage | StateMessage) -> None:
@@ -246,7 +211,7 @@ class Endpoint:
 
     def close(self) -> None:
         """Close the transport."""
-        self._transport.close()
+        self.transport.close()
 
     def _send(
         self, session: Session, kind: Kind, body: Body, now_ns: int, to: Address | None = None
@@ -262,7 +227,7 @@ class Endpoint:
                 now_ns - numbers[intake.PEER_STAMP_TAKEN],
             )
         )
-        self._transport.send(session.seal(clear, body, sequence), to)
+        self.transport.send(session.seal(clear, body, sequence), to)
 
     def _take(self, packet: bytes, now_ns: int) -> None:
         session = self.sessions.current
@@ -275,15 +240,15 @@ class Endpoint:
         if kind in self._data:
             self._take_data(kind, packet, now_ns)
         elif kind == Kind.HELLO and caller is None:
-            sender = self._transport.sender
+            sender = self.transport.sender
             header = decode_header(packet)
             standing = self.sessions.current
             led = standing is not None and not self.sessions.silent(now_ns)
             answer = self._answerer.answer(header, packet, sender, standing, now_ns, led=led)
-            self._transport.send(answer, sender)
+            self.transport.send(answer, sender)
         elif kind == Kind.WELCOME and caller is not None:
             session = caller.take_welcome(packet, self._rates_hz, now_ns)
-            self._transport.confirm_sender()
+            self.transport.confirm_sender()
             self._move_to(session, now_ns)
             self._count_problem(
                 intake.take_stamps(self._words, self.clock.words, self.statistics.words, now_ns)
@@ -297,14 +262,14 @@ class Endpoint:
     def _take_expected(self, session: Session, packet: bytes, now_ns: int) -> None:
         """Take in one more motion or state of the session that stands, as nearly all are."""
         body = session.open(packet, self._numbers[intake.SEQUENCE])
-        transport, kind = self._transport, self._numbers[intake.KIND]
+        transport, kind = self.transport, self._numbers[intake.KIND]
         transport.confirm_sender()
         session.address = transport.sender
         self.sessions.accepted_ns = now_ns
         problem = self._accept(body, session.epoch, self.sessions.lost_before, now_ns)
         if problem:
             self._count_problem(problem)
-        self._store(kind, body, None)
+        self.store(kind, body, None)
 
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of what they cost."""
@@ -320,8 +285,8 @@ class Endpoint:
             self._say_taken(session, now_ns)
         if not sessions.is_known(session):
             self._move_to(session, now_ns)
-        self._transport.confirm_sender()
-        session.address = self._transport.sender
+        self.transport.confirm_sender()
+        session.address = self.transport.sender
         sessions.accepted_ns = now_ns
         # A model is read before it counts as news; of the rest the kernel looks at the body.
         read = decode(Kind(kind), body) if kind in _READ_AT_ONCE else None
@@ -336,7 +301,10 @@ class Endpoint:
                 now_ns,
             )
         )
-        self._store(kind, body, read)
+        if isinstance(read, Taken):
+            self._give_way(read)
+        else:
+            self.store(kind, body, read)
 
     def _count_problem(self, problem: int) -> None:
         """Raise MessageError for what a kernel found wrong; a wrong echo is only counted."""
@@ -349,7 +317,7 @@ class Endpoint:
         """Move to another session; with a new conversation nothing of the last one is valid."""
         self._bind(session.window)
         if self.sessions.move_to(session, now_ns):
-            self._forget_messages()
+            self.forget()
             intake.forget_peer(self._words, now_ns)
             self.clock.forget()
 
@@ -357,36 +325,18 @@ class Endpoint:
         """Answer whoever goes on in the session that was taken over; it is not obeyed."""
         if self._notices.take(now_ns):
             body = encode(Taken(self.peer))
-            self._send(retired, Kind.TAKEN, body, now_ns, self._transport.sender)
+            self._send(retired, Kind.TAKEN, body, now_ns, self.transport.sender)
         raise MessageError("taken over")
 
     def newest(self, kind: Kind) -> tuple[int, int]:
         """Return epoch and sequence of the newest message of a kind; zeros before the first."""
         return intake.newest(self._words, kind)
 
-    def _store(self, kind: int, body: bytes, read: Message | None) -> None:
-        """Keep a message that is news."""
-        if kind == Kind.MOTION:
-            self.newest_motion.take(body)
-            self._motion, self.fresh_motion = body, True
-        elif kind == Kind.STATE:
-            self._state, self.fresh_state = body, True
-        elif isinstance(read, ModelMessage):
-            self.model = read
-        elif isinstance(read, Taken):
-            self._give_way(read)
-
     def _give_way(self, message: Taken) -> None:
         """End the session that another master has taken over, and do not take it back."""
         self.taken_by = message.peer
         self.sessions.end()
-        self._forget_messages()
-
-    def _forget_messages(self) -> None:
-        """Forget all of a session that has ended, also those of this very poll."""
-        self.newest_motion.forget()
-        self._motion = self.model = self._state = None
-        self.fresh_motion = self.fresh_state = False
+        self.forget()
 
     def _call(self, caller: Caller, now_ns: int) -> None:
         """Send Hello while no session stands, after a long silence, or to renew the keys."""
@@ -395,4 +345,4 @@ class Endpoint:
         if not self.sessions.wants_keys(now_ns):
             return
         self._hello_due_ns = now_ns + HELLO_PERIOD_NS
-        self._transport.send(caller.hello(self._rate_hz, self.session_id, now_ns))
+        self.transport.send(caller.hello(self._rate_hz, self.session_id, now_ns))

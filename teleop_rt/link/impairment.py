@@ -67,7 +67,7 @@ class ImpairedTransport:
         rng: np.random.Generator,
     ) -> None:
         self._inner = inner
-        self._impairment = impairment
+        self.impairment = impairment
         self._now_ns = now_ns
         self._start_ns = now_ns()
         self._rng = rng
@@ -90,7 +90,7 @@ class ImpairedTransport:
             self.lost += 1
         else:
             self._enqueue(now_ns, packet, to)
-            if self._happens(self._impairment.duplicate):
+            if self._happens(self.impairment.duplicate):
                 self.duplicated += 1
                 self._enqueue(now_ns, packet, to)
         self._deliver(now_ns)
@@ -114,7 +114,7 @@ class ImpairedTransport:
         return probability > 0 and self._rng.random() < probability
 
     def _is_lost(self, now_ns: int) -> bool:
-        impairment = self._impairment
+        impairment = self.impairment
         elapsed_ns = now_ns - self._start_ns
         if any(start <= elapsed_ns < end for start, end in impairment.blackouts_ns):
             return True
@@ -129,7 +129,7 @@ class ImpairedTransport:
         if len(self._queue) >= QUEUE_LIMIT:
             self.overflowed += 1
             return
-        impairment = self._impairment
+        impairment = self.impairment
         delay_ns = impairment.delay_ns
         if impairment.jitter_ns:
             # As `uniform` draws it, which takes three times as long.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from teleop_rt.link.statistics import Statistics
+
 TROUBLES: tuple[tuple[str, str], ...] = (
     ("", ""),
     (
@@ -36,3 +38,11 @@ TROUBLES: tuple[tuple[str, str], ...] = (
 )
 """The counter's name, and the message to the operator."""
 NOTHING_TROUBLE, CLOCK_TROUBLE, TAKEN_TROUBLE = 5, 6, 7
+
+
+def first_refusal(statistics: Statistics) -> int:
+    """Return the index of the first trouble for which packets were rejected, or 0."""
+    for index, (reason, _) in enumerate(TROUBLES):
+        if statistics.rejected.get(reason):
+            return index
+    return 0

@@ -12,7 +12,6 @@ from teleop_rt.link.messages import Kind
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.world import WATCHDOG_MS, FaultWorld
 from teleop_rt_drivers.can_frames import Outgoing
-from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
 from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 Check = Callable[[FaultWorld], bool]
@@ -292,8 +291,7 @@ def late_now_and_then(world: FaultWorld) -> bool:
 
 def stopped_while_jammed(world: FaultWorld) -> bool:
     """Keep the tool where it jammed: nothing that the drive does moves it."""
-    world.rig.plant._state[POSITION] = world.kept.jammed_at
-    world.rig.plant._state[VELOCITY] = 0.0
+    world.rig.plant.place(world.kept.jammed_at, 0.0)
     return stopped(world)
 
 

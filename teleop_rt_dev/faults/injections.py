@@ -10,7 +10,7 @@ import can
 
 from teleop_rt.link.messages import ModelMessage
 from teleop_rt_dev.faults.world import FaultWorld
-from teleop_rt_drivers.simulated.motion import POSITION, SURFACE
+from teleop_rt_drivers.simulated.motion import SURFACE
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import DeviceName
@@ -84,7 +84,7 @@ def silence(side: str) -> Callable[[FaultWorld], None]:
 
     def cut(world: FaultWorld) -> None:
         endpoint = getattr(world.world, f"{side}_endpoint")
-        endpoint._transport.send = lambda packet, to=None: None
+        endpoint.transport.send = lambda packet, to=None: None
 
     return cut
 
@@ -134,7 +134,7 @@ def nothing(world: FaultWorld) -> None:
 
 def hostile_packets(world: FaultWorld) -> None:
     """Each genuine packet to the slave is followed by itself, by a flipped bit and by noise."""
-    transport = world.world.master_endpoint._transport
+    transport = world.world.master_endpoint.transport
     send, world.kept.hostile = transport.send, 0
 
     def attacked(packet: bytes, to: Any = None) -> None:
@@ -157,7 +157,7 @@ def not_a_number(world: FaultWorld) -> None:
 
 
 def jam(world: FaultWorld) -> None:
-    world.kept.jammed_at = float(world.rig.plant._state[POSITION])
+    world.kept.jammed_at = world.rig.plant.position
 
 
 def shove(world: FaultWorld) -> None:

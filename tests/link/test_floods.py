@@ -79,7 +79,7 @@ def test_a_host_that_asks_from_a_thousand_ports_keeps_no_other_out() -> None:
     pair = Pair()
     near, far = MemoryTransport.pair()
     wire = ManyPorts(far, ports=1000)
-    pair.slave._transport, pair.master._transport = wire, near
+    pair.slave.transport, pair.master.transport = wire, near
     pair.run(5)
     hello = Caller(shared_key(KEY)[0]).hello(1000, 0, pair.now)  # heard once, and replayed
     for _ in range(300):

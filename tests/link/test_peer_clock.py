@@ -93,7 +93,7 @@ def slow_after(ms: int) -> Pair:
     pair = Pair(there=Impairment(20 * MS), back=Impairment(20 * MS))
     pair.run(1500)
     pair.slave.fix_clock()
-    pair.master._transport._impairment = Impairment((20 + ms) * MS)
+    pair.master.transport.impairment = Impairment((20 + ms) * MS)
     return pair
 
 

@@ -117,7 +117,7 @@ def test_a_restarted_slave_is_not_taken_for_the_one_before() -> None:
     world = World(PRESS, there=Impairment(PERIOD_NS))
     world.run(2000)
     assert world.master.force > 10
-    transport = world.slave.endpoint._transport
+    transport = world.slave.endpoint.transport
     world.slave.endpoint = Endpoint("slave", transport, shared_key(KEY), world.clock, rate_hz=1000)
     world.slave.contact_id, world.slave.in_contact, world.slave.model = 0, False, None
     world.slave.position = 0.0

@@ -17,7 +17,6 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.trial.files import SILICONE, silicone
 from teleop_rt_drivers import registry
-from teleop_rt_drivers.simulated.motion import POSITION, VELOCITY
 from teleop_rt_drivers.simulated.plant import Plant
 
 TWO_ENCODERS = ("canopen", "serial", "raw_can", "mixed")
@@ -84,7 +83,7 @@ def test_a_jammed_tool_stops_the_axis_before_it_shoots_off(tmp_path, rig):
     world.lead(-0.2)
 
     def jam() -> None:
-        world.plant._state[POSITION], world.plant._state[VELOCITY] = stuck, 0.0
+        world.plant.place(stuck, 0.0)
 
     assert world.ticks(400, jam) < 200
     assert world.stopped[0] in {"following_error", "force_mismatch"}
@@ -101,8 +100,7 @@ def test_a_tool_that_is_torn_away_stops_the_axis(tmp_path, rig):
     world = Rig(tmp_path, rig)
 
     def tear() -> None:
-        world.plant._state[POSITION] -= 2.3e-3
-        world.plant._state[VELOCITY] = -2.3
+        world.plant.place(world.plant.position - 2.3e-3, -2.3)
 
     assert world.ticks(100, tear) <= 30
     assert world.stopped[0] in {"overspeed", "position_mismatch"}

@@ -49,8 +49,8 @@ class Withholding:
 def following(folder: Path, *changes: str) -> tuple[LockstepTrial, Withholding]:
     """A trial whose master is followed, and the attacker in front of its slave."""
     trial = LockstepTrial(silicone(*changes), SILICONE.parent, open_bench, folder)
-    attacker = Withholding(trial.slave_endpoint._transport)
-    trial.slave_endpoint._transport = attacker
+    attacker = Withholding(trial.slave_endpoint.transport)
+    trial.slave_endpoint.transport = attacker
     trial.slave.configure()
     while trial.slave.safety.state != State.RUN:
         trial.step()

@@ -104,6 +104,10 @@ class Plant:
         """True velocity of the tool."""
         return self._state.item(VELOCITY)
 
+    def place(self, position: float, velocity: float) -> None:
+        """Put the tool somewhere, as a hand or a jam does: no law of the plant asks for it."""
+        self._state[POSITION], self._state[VELOCITY] = position, velocity
+
     @property
     def force(self) -> float:
         """True contact force."""
