@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
@@ -13,6 +12,7 @@ from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares
 from teleop_rt.diagnosis.models.predict import columns, force_of
+from teleop_rt.diagnosis.samples.filters import butterworth
 from teleop_rt.metrics import nrmse
 
 BLOCKS = 8  # of a record that are hidden in turn
@@ -54,12 +54,7 @@ def smoothable(dt: float) -> bool:
 
 def low_passed(row: Vector, dt: float) -> Vector:
     """Return the row low-passed at 20 Hz: zero-phase Butterworth filter of 4th order."""
-    return np.asarray(
-        scipy.signal.sosfiltfilt(
-            scipy.signal.butter(4, LOW_PASS_HZ, fs=1.0 / dt, output="sos"), row
-        ),
-        dtype=np.float64,
-    )
+    return butterworth(row, LOW_PASS_HZ, dt)
 
 
 def error(force: Vector, predicted: Vector, where: Vector) -> Error:

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Family, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.simulate import first_order
 from teleop_rt.jit import kernel
 
 Group = Literal["position", "velocity", "acceleration", "past", "time", "force"]
@@ -152,7 +152,7 @@ def _remembered(term: Term, known: Mapping[str, Vector], dt: float) -> Vector:
         return found
     kept = float(np.exp(-dt / term.value))
     ahead, row = (kept, "ds") if term.memory == "q" else (1.0 - kept, "g")
-    return np.asarray(scipy.signal.lfilter([ahead], [1.0, -kept], known[row]), dtype=np.float64)
+    return first_order(known[row], kept, ahead, 0.0)
 
 
 @kernel

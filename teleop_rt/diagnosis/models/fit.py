@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
-from teleop_rt.diagnosis.models.least_squares import signed_least_squares, solution
+from teleop_rt.diagnosis.models.least_squares import signed_least_squares, solution, within_bounds
 from teleop_rt.diagnosis.models.model import CandidateModel, bounds
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
 from teleop_rt.diagnosis.noise.saturated import Flexible, basis
@@ -224,12 +223,9 @@ def _damped_step(
     step = np.zeros_like(place)
     if free.size:
         held = gram[np.ix_(free, free)]
-        root = np.linalg.cholesky(held + damping * np.diag(np.diag(held)))
-        wanted = scipy.linalg.solve_triangular(root, right[free], lower=True)
+        damped = held + damping * np.diag(np.diag(held))
         least, most = np.minimum(-place[free], -1e-12), np.maximum(1.0 - place[free], 1e-12)
-        step[free] = scipy.linalg.solve_triangular(root.T, wanted, lower=False)
-        if np.any((step[free] < least) | (step[free] > most)):
-            step[free] = scipy.optimize.lsq_linear(root.T, wanted, (least, most), method="bvls").x
+        step[free] = within_bounds(damped, right[free], least, most)
     return step, float(2.0 * right @ step - step @ gram @ step)
 
 

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.jit import kernel
 
 _WEAKEST = 1e-5  # of a row's length beyond the others; below it singular values decide
+_SWEEPS, _STILL = 10_000, 1e-12  # of a coordinate descent, and the step [of a range] that ends it
 _RANK = 1e-11  # of the largest singular value
 
 
@@ -23,6 +25,28 @@ def solution(gram: Matrix, right: Vector) -> Vector:
     if failed or min(factor.diagonal()) < _WEAKEST:
         found = np.linalg.lstsq(gram, right, rcond=_RANK)[0]
     return np.asarray(found, dtype=np.float64)
+
+
+def within_bounds(gram: Matrix, right: Vector, least: Vector, most: Vector) -> Vector:
+    """Return x of least x gram x / 2 - right x between its bounds (coordinate descent)."""
+    found = np.clip(np.zeros_like(right), least, most)
+    _descend(gram, right, least, most, found)
+    return found
+
+
+@kernel
+def _descend(gram: Matrix, right: Vector, least: Vector, most: Vector, out: Vector) -> None:
+    for _ in range(_SWEEPS):
+        moved = 0.0
+        for i in range(out.size):
+            pull = right[i]
+            for j in range(out.size):
+                pull -= gram[i, j] * out[j]
+            value = min(max(out[i] + pull / gram[i, i], least[i]), most[i])
+            moved = max(moved, abs(value - out[i]) / (most[i] - least[i]))
+            out[i] = value
+        if moved < _STILL:
+            break
 
 
 def least_squares(rows: Matrix, target: Vector) -> Vector:

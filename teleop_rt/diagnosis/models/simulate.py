@@ -71,6 +71,21 @@ def run_step(
     return value
 
 
+def first_order(row: Vector, kept: float, ahead: float, before: float) -> Vector:
+    """Return y_i = `kept` y_(i-1) + `ahead` row_i; `before` is the value before the first."""
+    found = np.empty_like(row)
+    _first_order(row, kept, ahead, before, found)
+    return found
+
+
+@kernel
+def _first_order(row: Vector, kept: float, ahead: float, before: float, out: Vector) -> None:
+    value = before
+    for i in range(row.size):
+        value = kept * value + ahead * row[i]
+        out[i] = value
+
+
 def late(row: Vector, steps: float) -> Vector:
     """Return a row of samples later by so many steps, in straight lines between two of them.
 

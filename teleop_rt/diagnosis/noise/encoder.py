@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
@@ -14,6 +13,7 @@ from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import (
     RecordedMotion,
     differentiate,
@@ -108,11 +108,11 @@ def _evenly(position: Vector, step: float, half: int) -> Vector:
     """
     path = position
     for wider in _WINDOW_FACTORS:
-        width = min(2 * half * wider + 1, (position.size - 1) // 2 * 2 - 1)
+        wide = min(half * wider, (position.size - 1) // 2 - 1)
         for _ in range(_PROJECTIONS):
-            smooth = scipy.signal.savgol_filter(path, width, 3)
+            smooth = local_polynomial(path, wide, 3)
             path = np.clip(smooth, position - 0.5 * step, position + 0.5 * step)
-    return np.asarray(scipy.signal.savgol_filter(path, 2 * half + 1, 5), dtype=np.float64)
+    return local_polynomial(path, half, 5)
 
 
 def _rests(position: Vector, least: int) -> NDArray[np.intp]:

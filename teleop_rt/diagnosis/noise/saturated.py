@@ -9,10 +9,10 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
+from teleop_rt.diagnosis.models.simulate import first_order
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.jit import kernel
@@ -39,11 +39,8 @@ def _advance_play(x: Vector, radius: float, out: Vector) -> None:
 
 
 def _memory(row: Vector, tau: float, dt: float) -> Vector:
-    decay = np.exp(-dt / tau)
-    start = np.array([decay * row[0]])
-    return np.asarray(
-        scipy.signal.lfilter([1.0 - decay], [1.0, -decay], row, zi=start)[0], dtype=np.float64
-    )
+    decay = float(np.exp(-dt / tau))
+    return first_order(row, decay, 1.0 - decay, row[0])
 
 
 def basis(motion: RecordedMotion) -> Matrix:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.diagnosis.recordings.table_files import read_table
+from teleop_rt.diagnosis.samples.filters import spline
 from teleop_rt.diagnosis.samples.motion import from_neighbours
 from teleop_rt.errors import RecordingError
 from teleop_rt.section import LEAST, MOST
@@ -290,7 +290,7 @@ def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
     if t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * period:
         return np.ascontiguousarray(row)
     lines = np.interp(grid, t, row)
-    cubic = scipy.interpolate.CubicSpline(t, row)(grid)
+    cubic = spline(grid, t, row)
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     close = t[after] - t[after - 1] < _GAP * period
     return np.where(close, cubic, lines)

@@ -8,9 +8,9 @@ the force (Widrow and Kollar, Quantization Noise, 2008, ch. 9).
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import quantisation_step
 
 _HARMONICS = np.arange(1, 9)  # of the mean error over a step; noise suppresses higher ones
@@ -28,7 +28,7 @@ def without_steps(force: Vector, half: int) -> Vector:
     step = quantisation_step(force)
     if step <= 0.0:
         return force
-    smooth = scipy.signal.savgol_filter(force, 2 * half + 1, 3)
+    smooth = local_polynomial(force, half, 3)
     scatter = _scatter(force - smooth, 2 * half + 1)
     noise = float(np.sqrt(max(scatter**2 - step**2 / 12.0, (_LEAST_NOISE_STEPS * step) ** 2)))
     if step < _HIDDEN_STEP_RATIO * noise:

@@ -9,10 +9,10 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Scale, Vector
+from teleop_rt.diagnosis.samples.filters import local_polynomial
 
 SMOOTHING_ORDER = 5  # of the local polynomial: a mass is off by 0.3 %, by 8 % at order 3
 MOST_REMEMBERED = 15_000_000  # values (120 MB) of rows that are kept for the next fit
@@ -94,16 +94,15 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
     at 10 Hz and a window of 41 ms) is seen by smoothing its own result once more, and given back
     (Tukey's twicing): then it is 1e-5.
     """
-    window = 2 * half + 1
 
     def smooth(row: Vector, order: int) -> Vector:
-        found = scipy.signal.savgol_filter(row, window, SMOOTHING_ORDER, deriv=order, delta=dt)
-        return np.asarray(found, dtype=np.float64)
+        return local_polynomial(row, half, SMOOTHING_ORDER, order, dt)
 
     x, v, a = (smooth(position, order) for order in range(3))
     # Integrals exact to the fourth order; what they drift is a polynomial that the filter keeps.
-    moved = scipy.integrate.cumulative_trapezoid(v, dx=dt, initial=0) - dt**2 / 12.0 * a
     bent = dt**2 / 12.0 * a
+    moved = -bent
+    moved[..., 1:] += np.cumsum(v[..., 1:] + v[..., :-1], axis=-1) * (0.5 * dt)
     bent[..., 1:] += np.cumsum(np.cumsum(a[..., :-1], axis=-1), axis=-1) * dt**2
     return (
         np.ascontiguousarray(2.0 * x - smooth(x, 0)),

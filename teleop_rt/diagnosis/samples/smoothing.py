@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import (
     SMOOTHING_ORDER,
     differentiate,
@@ -57,8 +58,7 @@ def _faithful(position: Vector, dt: float) -> int:
     noise = position_noise(position, dt)
 
     def smooth(half: int) -> Vector:
-        found = scipy.signal.savgol_filter(position, 2 * half + 1, SMOOTHING_ORDER)
-        return np.asarray(found, dtype=np.float64)
+        return local_polynomial(position, half, SMOOTHING_ORDER)
 
     halves = [max(3, round(seconds / dt)) for seconds in HALF_WINDOWS_S]
     narrow, half = smooth(halves[-1]), halves[-1]

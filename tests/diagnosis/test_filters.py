@@ -1,0 +1,78 @@
+"""Derivatives, low-pass and spline against scipy's, which is loaded for this alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy import interpolate, signal
+
+from teleop_rt.diagnosis.models.least_squares import within_bounds
+from teleop_rt.diagnosis.models.simulate import first_order
+from teleop_rt.diagnosis.samples.filters import butterworth, local_polynomial, spline
+
+ROWS = np.cumsum(np.random.default_rng(1).standard_normal((2, 3000)), axis=1)
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+@pytest.mark.parametrize(("half", "order"), [(3, 5), (40, 5), (20, 3)])
+def test_the_local_polynomial_is_that_of_savitzky_and_golay(
+    half: int, order: int, derivative: int
+) -> None:
+    found = local_polynomial(ROWS, half, order, derivative, 0.002)
+    wanted = signal.savgol_filter(ROWS, 2 * half + 1, order, deriv=derivative, delta=0.002)
+    np.testing.assert_allclose(found, wanted, atol=1e-8 * np.max(np.abs(wanted)))
+
+
+def test_a_window_of_a_thousand_samples_keeps_a_polynomial() -> None:
+    t = 0.0005 * np.arange(3000.0)
+    found = local_polynomial(t**3, 600, 5, 2, 0.0005)
+    np.testing.assert_allclose(found, 6.0 * t, atol=1e-5)
+
+
+def test_the_low_pass_is_a_butterworth_forward_and_backward() -> None:
+    sections = signal.butter(4, 20.0, fs=500.0, output="sos")
+    wanted = signal.sosfiltfilt(sections, ROWS[0])[100:-100]
+    np.testing.assert_allclose(
+        butterworth(ROWS[0], 20.0, 0.002)[100:-100], wanted, atol=1e-4 * np.std(wanted)
+    )
+
+
+def test_the_spline_of_uneven_samples_is_a_cubic_one() -> None:
+    t = np.arange(3000.0) + np.random.default_rng(2).uniform(-0.3, 0.3, 3000)
+    places = np.linspace(5.0, 2990.0, 7000)
+    wanted = interpolate.CubicSpline(t, ROWS[0], bc_type="natural")(places)
+    np.testing.assert_allclose(spline(places, t, ROWS[0]), wanted, atol=1e-9 * np.ptp(wanted))
+
+
+def test_the_memory_of_first_order_is_a_recursive_filter() -> None:
+    wanted = signal.lfilter([0.1], [1.0, -0.9], ROWS[0], zi=[0.9 * 4.0])[0]
+    np.testing.assert_allclose(first_order(ROWS[0], 0.9, 0.1, 4.0), wanted, atol=1e-9)
+
+
+def test_a_step_within_bounds_is_the_least_squares_one() -> None:
+    gram, right = np.array([[2.0, 1.9], [1.9, 2.0]]), np.array([1.0, 3.0])
+    box = np.array([0.5, 0.5])
+    free = within_bounds(gram, right, -40.0 * box, 40.0 * box)
+    np.testing.assert_allclose(gram @ free, right)
+    # With the second at its bound of 0.5 the first is (1 - 1.9 * 0.5) / 2.
+    np.testing.assert_allclose(within_bounds(gram, right, -box, box), [0.025, 0.5])
+
+
+def test_a_diagnosis_loads_no_slow_part_of_scipy() -> None:
+    code = (
+        "import sys; import numpy as np\n"
+        "from teleop_rt.diagnosis.diagnose import diagnose\n"
+        "from teleop_rt.diagnosis.recordings.recording import from_arrays\n"
+        "t = 0.004 * np.arange(2000) + 1e-5 * np.sin(np.arange(2000.0))\n"
+        "x = 1e-3 * np.sin(2.0 * t) + 2e-4 * np.sin(9.0 * t)\n"
+        "noise = 1e-3 * np.random.default_rng(1).standard_normal(t.size)\n"
+        "force = 900.0 * x + 2.0 * np.gradient(x, t) + noise\n"
+        "diagnose(from_arrays('made', t, x, force), 'spring,viscous')\n"
+        "slow = {'signal', 'stats', 'integrate', 'optimize', 'interpolate'}\n"
+        "print(sorted(slow & {m.split('.')[1] for m in sys.modules if m.startswith('scipy.')}))\n"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
