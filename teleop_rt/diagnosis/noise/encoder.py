@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.samples.motion import (
     reading_noise,
     resolution_step,
 )
-from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
+from teleop_rt.diagnosis.samples.smoothing import lost_motion, moves_in_steps
 
 _JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side
 _ENCODER_DRAWS = 10  # draws of the encoder's errors
@@ -39,7 +39,8 @@ def input_errors(
     read, the step is the one that causes its noise. Every second motion follows the smoothest path
     that the readings allow: at constant speed, steps and samples beat, and the rest of that beat in
     the smoothed position would hide it, unless noise breaks it. Where the motion has steps, the
-    derivatives are those of an unknown instant within half a period (see `samples.steps`).
+    derivatives are those of an unknown instant within half a period (see `samples.steps`);
+    elsewhere they lack what their window removes of the motion.
     """
     step = resolution_step(recording.position, recording.dt)
     half = motion.half
@@ -49,24 +50,30 @@ def input_errors(
     seen = quantisation_step(recording.position) > 0.0 and noise <= 0.0
     even = _evenly(recording.position, step, half) if seen else motion.x
     evenly = [seen and number % 2 == 1 for number in range(_ENCODER_DRAWS)]
+    in_steps = moves_in_steps(recording.position, recording.force, recording.dt)
+    lost = np.zeros((3, _ENCODER_DRAWS, motion.x.size))
+    if not in_steps:
+        lost = lost_motion(recording.position, motion.dt, half, _ENCODER_DRAWS, rng)
     positions = []
-    for on_even in evenly:
+    for number, on_even in enumerate(evenly):
         path, apart = (even, 2 * half) if on_even else (motion.x, motion.x.size)
         shift = np.repeat(rng.uniform(0.0, step), path.size)
         if rests.size:
             inside = rng.uniform(-0.5 * step, 0.5 * step, size=(rests.shape[0],))
             shift = shift + _held(rests, inside, apart, path.size)
-        moved = path + shift
+        moved = path + shift + lost[0, number]
         if noise > 0.0:
             moved = moved + noise * rng.standard_normal(path.size)
         positions.append(step * np.round(moved / step) - shift)
-    *found, plain = zip(*differentiate(np.array([*positions, even]), motion.dt, half), strict=True)
+    rows = np.array(differentiate(np.array([*positions, even]), motion.dt, half))
+    rows[:, :-1] -= lost
+    *found, plain = zip(*rows, strict=True)
     measured = (motion.x, motion.v, motion.a)
-    for number in np.flatnonzero(evenly):
-        both = zip(measured, found[number], plain, strict=True)
-        found[number] = tuple(row + one - path for row, one, path in both)
+    for which in np.flatnonzero(evenly):
+        both = zip(measured, found[which], plain, strict=True)
+        found[which] = tuple(row + one - path for row, one, path in both)
     drawn = [replace(motion, x=x, v=v, a=a) for x, v, a in found]
-    if not moves_in_steps(recording.position, recording.force, recording.dt):
+    if not in_steps:
         return drawn
     return [_at_another_instant(one, motion, share) for one, share in
             zip(drawn, rng.uniform(-0.5, 0.5, len(drawn)), strict=True)]  # fmt: skip

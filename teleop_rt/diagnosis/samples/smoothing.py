@@ -143,6 +143,26 @@ def _response(half: int, dt: float, samples: int, derivative: int) -> NDArray[np
     return np.asarray(found, dtype=np.complex128)
 
 
+def lost_motion(
+    position: Vector, dt: float, half: int, number: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return draws (3, number, samples) of the movement that a window removes, and its derivatives.
+
+    It has the spectrum of the motion beyond the window, at random phases: of an encoder with large
+    steps the window must be wide, and then a mass feels accelerations that no derivative shows.
+    """
+    motion, _, omega = _spectra(position, dt, half)
+    length = _frequencies(position.size, dt)[0]
+    window = np.hanning(position.size - 1)
+    removed = np.abs(1.0 - _response(half, dt, position.size, 0)) ** 2 * motion
+    size = np.sqrt(removed * length / float(window @ window))
+    white = scipy.fft.rfft(rng.standard_normal((number, length))) / np.sqrt(length)
+    white[:, 0], white[:, 1:] = 0.0, white[:, 1:] * size
+    slopes = (1j * np.append(0.0, omega)) ** np.arange(3)[:, None]
+    found = scipy.fft.irfft(white * slopes[:, None, :], length)
+    return np.asarray(found[..., : position.size], dtype=np.float64)
+
+
 def narrowest(dt: float) -> int:
     """Return half the width [samples] of the narrowest window, which follows steps best."""
     return max(3, round(_NARROWER_S[-1] / dt))
