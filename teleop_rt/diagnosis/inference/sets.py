@@ -6,12 +6,14 @@ lowers the error on inner blocks most. An effect that a later one makes unnecess
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import LEAST_GAIN
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
@@ -20,6 +22,7 @@ from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, with_other_clamp
 from teleop_rt.diagnosis.inference.unsupported import unsupported
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.model import CandidateModel
 
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
 OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one recording alone
@@ -28,6 +31,7 @@ _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
 _EVALUATIONS = 8  # of a descent at a lower rate; sets are compared by their error
 _LAST_EVALUATIONS = 3  # of the likeliest fits at the full rate, from the optimum at the lower one
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -70,68 +74,104 @@ def search_sets(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> lis
     If the best set has a law of time, sets without such laws are searched as well: in a periodic
     motion a tone may explain the force of another effect, on that recording alone.
     """
-    tried = _stepwise(problem, base, effects)
+    steps = _Steps(problem, base, at_lower_rates(problem))
+    tried = _stepwise(steps, effects)
     if tried[0].laws_of_time:
-        tried += _stepwise(problem, base, tuple(e for e in effects if e.family not in OF_TIME))
+        tried += _stepwise(steps, tuple(e for e in effects if e.family not in OF_TIME))
     return sorted(tried, key=lambda one: one.energy)
 
 
-def _stepwise(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Scored]:
+def _stepwise(steps: _Steps, effects: tuple[Effect, ...]) -> list[Scored]:
     """Return the sets tried forward and backward, the least energy first."""
-    tried = [Scored(base, (blind_energy(problem, base),))]
-    level, lower = tried, at_lower_rates(problem)
+    tried = level = [steps.alone]
     for number in range(MOST_EFFECTS):
         firsts = level[: _FIRSTS if number == 1 else 1]
-        longer = [
-            one for first in firsts for one in _extended(problem, lower, base, first, effects)
-        ]
+        longer = [one for first in firsts for one in steps.extended(first, effects)]
         if not longer:
             break
-        level = sorted(_without_idle_members(problem, base, longer), key=lambda one: one.energy)
+        level = _without_idle_members(steps.problem, steps.base, longer)
+        level = sorted(level, key=lambda one: one.energy)
         best = min(tried, key=lambda one: one.energy).energy
-        tried += level
+        tried = tried + level
         if level[0].energy > (1.0 - LEAST_GAIN) * best:
             break
     return sorted(tried, key=lambda one: one.energy)
 
 
-def _extended(
-    problem: Problem,
-    lower: tuple[Coarse, Coarse],
-    base: Fit,
-    first: Scored,
-    effects: tuple[Effect, ...],
-) -> list[Scored]:
-    """Return the set extended by one effect, per effect with its best law.
+@dataclass(frozen=True)
+class _Steps:
+    """Extensions of sets by one effect; what a search with fewer effects needs again is kept."""
 
-    The laws are fitted at the higher of the `lower` rates. The likeliest are then fitted at the
-    full one, which the others only get their linear parameters from. If the best law cannot be
-    named (`bound` in `Scored`), the best law that can be is returned as well: the first may
-    predict, the second may be named.
-    """
-    others = tuple(e for e in effects if e.name not in first.names)
-    starts = screen_coarsely(problem, lower, first.fit, others)[:_STARTS]
-    near, _ = lower[0].around(problem, first.fit)
-    alone = near.solve(base.model, base.zeta, base.theta)
-    fits = [fit_start(near, start, _EVALUATIONS) for start in starts]
-    likely = best_by_name(fits)[:_RECLAMPED]
-    fits += [with_other_clamp(near, fit) for fit in likely if len(fit.model.clamps) > 1]
-    bare = [unsupported(near, alone, fit) for fit in fits]
-    within = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if not without])
-    least = {fit.names: (1.0 - LEAST_GAIN) * fit.chi2 for fit in within}
-    bent = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if without])
-    bent = [fit for fit in bent if fit.chi2 < least.get(fit.names, np.inf)]
-    best = min((fit.chi2 for fit in fits), default=0.0)
-    found = []
-    for fit in (*within, *bent):
-        refined = near.motion.dt > problem.motion.dt and (1.0 - LEAST_GAIN) * fit.chi2 < best
-        fine = (
-            problem.refine(fit.model, fit.zeta, _LAST_EVALUATIONS)
-            if refined
-            else (problem.solve(fit.model, fit.zeta, fit.theta))
+    problem: Problem
+    base: Fit
+    lower: tuple[Coarse, Coarse]
+    kept: dict[tuple[str, int], tuple[object, Any]] = field(default_factory=dict)
+
+    def _once(self, what: str, of: object, make: Callable[[], _T]) -> _T:
+        """Return the result of `make` for an object, which is kept so that its id stays its own."""
+        if (what, id(of)) not in self.kept:
+            self.kept[what, id(of)] = of, make()
+        made: _T = self.kept[what, id(of)][1]
+        return made
+
+    @cached_property
+    def alone(self) -> Scored:
+        """The base without an effect."""
+        return Scored(self.base, (blind_energy(self.problem, self.base),))
+
+    def extended(self, first: Scored, effects: tuple[Effect, ...]) -> list[Scored]:
+        """Return the set extended by one effect, per effect with its best law.
+
+        The laws are fitted at the higher of the `lower` rates. The likeliest are then fitted at the
+        full one, which the others only get their linear parameters from. If the best law cannot be
+        named (`bound` in `Scored`), the best law that can be is returned as well: the first may
+        predict, the second may be named.
+        """
+        near, fits = self._at_lower_rate(first, effects)
+        alone = self._once("alone", near, lambda: near.solve(*_parameters(self.base)))
+        bare = [self._once("bare", fit, partial(unsupported, near, alone, fit)) for fit in fits]
+        within = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if not without])
+        least = {fit.names: (1.0 - LEAST_GAIN) * fit.chi2 for fit in within}
+        bent = best_by_name([fit for fit, without in zip(fits, bare, strict=True) if without])
+        bent = [fit for fit in bent if fit.chi2 < least.get(fit.names, np.inf)]
+        best = min((fit.chi2 for fit in fits), default=0.0)
+        slower = near.motion.dt > self.problem.motion.dt
+        likely = [slower and (1.0 - LEAST_GAIN) * fit.chi2 < best for fit in (*within, *bent)]
+        return [
+            self._once(str(refined), fit, partial(self._finely, first, fit, refined))
+            for fit, refined in zip((*within, *bent), likely, strict=True)
+        ]
+
+    def _at_lower_rate(
+        self, first: Scored, effects: tuple[Effect, ...]
+    ) -> tuple[Coarse, list[Fit]]:
+        """Return the coarse problem about a set, and the fits of its likeliest extensions there."""
+        others = tuple(e for e in effects if e.name not in first.names)
+        near, _ = self._once("near", first, lambda: self.lower[0].around(self.problem, first.fit))
+        starts = self._once(
+            "starts", first, lambda: screen_coarsely(self.problem, self.lower, first.fit, others)
         )
-        found.append(_scored(problem, base, fine, first.energies))
-    return found
+        families = {effect.family for effect in others}
+        starts = [start for start in starts if start.effect.family in families][:_STARTS]
+        fits = [
+            self._once("fit", start, partial(fit_start, near, start, _EVALUATIONS))
+            for start in starts
+        ]
+        likely = [f for f in best_by_name(fits)[:_RECLAMPED] if len(f.model.clamps) > 1]
+        fits += [self._once("clamp", f, partial(with_other_clamp, near, f)) for f in likely]
+        return near, fits
+
+    def _finely(self, first: Scored, fit: Fit, refined: bool) -> Scored:
+        fine = (
+            self.problem.refine(fit.model, fit.zeta, _LAST_EVALUATIONS)
+            if refined
+            else self.problem.solve(*_parameters(fit))
+        )
+        return _scored(self.problem, self.base, fine, first.energies)
+
+
+def _parameters(fit: Fit) -> tuple[CandidateModel, Vector, Vector]:
+    return fit.model, fit.zeta, fit.theta
 
 
 def _scored(problem: Problem, base: Fit, fit: Fit, before: Sequence[float]) -> Scored:
