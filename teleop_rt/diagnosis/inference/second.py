@@ -58,7 +58,9 @@ def both_needed(
     if place is not None and best.tone_or_air_force:
         there = _tone_power(_spectrum(problem.target - best.fit.residual))[place]
         return bool(gain > SECOND_SHARE * there)
-    if gain > max(SECOND_SHARE * excess, ENCODER_ENERGY_RATIO * floor):
+    # Only encoder errors along the pair may stand in for it: those at each touch are no bias.
+    by_encoder = ENCODER_ENERGY_RATIO * min(floor, pair.encoder_energy_along)
+    if gain > max(SECOND_SHARE * excess, by_encoder):
         # A single effect outside the pair that leaves less is the same claim with one name less.
         rival = min(singles.values(), key=lambda r: r.fit.bic)
         if all(_beats_unknown_function(pair, single, floor) for single in (best, rival)):
@@ -66,7 +68,7 @@ def both_needed(
     if not (best.tone_or_air_force and _acts_in_air(pair.fit, best.fit)):
         return False
     in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
-    return in_air > max(_AIR_CHI2, _AIR_SHARE * gain, ENCODER_ENERGY_RATIO * floor)
+    return in_air > max(_AIR_CHI2, _AIR_SHARE * gain, by_encoder)
 
 
 def _beats_unknown_function(pair: Ranked, single: Ranked, floor: float) -> bool:
