@@ -50,6 +50,13 @@ def test_noise_is_no_structure_that_a_set_must_explain() -> None:
     assert explain(sets, noise=0.28).verdict == "named"
 
 
+def test_an_effect_that_explains_only_noise_is_not_named() -> None:
+    friction = _set("coulomb_friction", path=(1.0, 0.25))
+    both = _set("coulomb_friction", "force_lag", path=(1.0, 0.25, 0.04))
+    assert explain([_ALONE, friction, both]).sets[0].fit.names == both.fit.names
+    assert explain([_ALONE, friction, both], noise=0.25).sets[0].fit.names == friction.fit.names
+
+
 def test_two_laws_with_similar_residuals_form_a_class() -> None:
     one = _set("coulomb_friction", path=(1.0, 0.030))
     other = _set("force_lag", path=(1.0, 0.031))

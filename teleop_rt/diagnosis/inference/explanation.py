@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, log
 
 from teleop_rt.contact.effect import Family
@@ -50,9 +50,10 @@ class Explanation:
 def explain(tried: Sequence[Scored], noise: float = 0.0) -> Explanation:
     """Return the verdict and the probabilities of the sets tried, which include the base alone.
 
-    `noise` is the mean square [force^2] of the noise, of which no set explains a share.
+    `noise` is the mean square [force^2] of the noise, of which no set explains a share: sets that
+    leave less than the noise fit equally well.
     """
-    known = _by_names(tried)
+    known = _by_names([_down_to_noise(one, noise) for one in tried])
     excess = max(known[frozenset()].energy - noise, 0.0)
     parts = [(one, weight, _named_part(one, known, excess)) for one, weight in _weights(known)]
     naming = [one for one, _, part in parts if part]
@@ -111,6 +112,10 @@ def predictor(tried: Sequence[Scored], named: Collection[str] = ()) -> Scored:
     least = min(one.energy for one in timeless)
     near = [one for one in timeless if (1.0 - LEAST_GAIN) * one.energy <= least]
     return min(near, key=lambda one: (len(one.names), one.energy))
+
+
+def _down_to_noise(one: Scored, noise: float) -> Scored:
+    return replace(one, energies=tuple(max(energy, noise) for energy in one.energies))
 
 
 def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
