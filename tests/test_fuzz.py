@@ -66,7 +66,7 @@ def test_growth_is_found(monkeypatch, tmp_path) -> None:
     monkeypatch.chdir(tmp_path)
     held: list[bytes] = []
     grows = Target(lambda _: held.append(b"x" * (64 << 20)), [b"seed"])
-    assert "grew" in campaign_fuzz.fuzz("some", lambda _: grows, 5.0, 1)["problem"]
+    assert "grew" in campaign_fuzz.fuzz("some", lambda _: grows, 60.0, 1)["problem"]
 
 
 @pytest.mark.parametrize("drive", [*ON_CAN, *ON_LINES])
