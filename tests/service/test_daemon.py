@@ -17,7 +17,7 @@ from teleop_rt.realtime.session import Recorder
 from teleop_rt.service import commands, server
 from teleop_rt.service.commands import lines
 from teleop_rt.service.connections import LONGEST_REQUEST
-from teleop_rt.service.mailbox import CommandBox
+from teleop_rt.service.mailbox import Command, CommandBox
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.alone import Alone
@@ -290,6 +290,18 @@ def test_any_request_is_refused_in_a_sentence_or_known(request_line):
     answer = CommandServer(Path("/no/session")).answer(request_line)
     assert not answer["ok"]
     assert isinstance(answer["problem"], str)
+
+
+@pytest.mark.parametrize(
+    "request_line", [b'{"command": "status", "command": "arm"}', b'{"command": "arm\xff"}']
+)
+def test_a_request_that_could_mean_two_commands_or_is_no_text_is_none(tmp_path, request_line):
+    """Of the first one the second command was carried out."""
+    box = CommandBox(tmp_path, create=True)
+    answer = CommandServer(tmp_path).answer(request_line)
+    assert not answer["ok"]
+    assert "again" not in answer, "a command that is known waits for a loop to be described"
+    assert box.poll() == Command.NONE
 
 
 def test_a_server_without_a_loop_says_that_the_daemon_is_starting(tmp_path):
