@@ -16,6 +16,9 @@ CALM_S = 0.05
 GIVEN_BACK = 0.6
 """Of the energy taken, while bounded: 2 ms more than the device says make 0.4 of it at 8 Hz."""
 
+RECOVERS_S = 0.02
+"""How long a force that is withheld whole takes to return."""
+
 
 class PassivityObserver:
     """Observes the energy that the hand gives to the port in a contact, and damps what is missing.
@@ -54,7 +57,7 @@ class PassivityObserver:
         self.bounded = False
         self._position: float | None = None
         self._calm_s = math.inf
-        self._taken_J = 0.0
+        self._taken_J = self._withheld = 0.0
         self._forces[:] = [0.0] * len(self._forces)
 
     def update(
@@ -82,8 +85,7 @@ class PassivityObserver:
         self.made_J = 0.0 if math.isinf(stored_J) else made_J
         leaving, self._stored_J = stored_J < self._stored_J, stored_J
         self._turned_J = self._turned_J if leaving else stored_J
-        if leaving:
-            force = self._bound(force, stored_J) if self.bounded else self._cut_off(force, stored_J)
+        force = self._paid(force, stored_J, leaving=leaving)
         if self._damps:
             force += self._damping(velocity, damping_max) * velocity
         self._forces.append(force)
@@ -103,28 +105,28 @@ class PassivityObserver:
         self.lowest_J = min(self.lowest_J, self.energy_J)
         self.missing_J = max(self.missing_J, -self.epsilon_J - self.energy_J)
 
-    def _cut_off(self, force: float, stored_J: float) -> float:
-        """Return the share of the force that what the hand gave and the tank pay for.
+    def _paid(self, force: float, stored_J: float, *, leaving: bool) -> float:
+        """Return the force less what the energy taken in this contact does not pay for.
 
-        A passive wall stores no more than that. One that would give more gives just that, however
-        little damping the device leaves for the controller.
+        That is what the hand gave and the tank, while bounded what the hand gave alone. A spring
+        that has a share of its energy has the square root of it as its force: it begins deeper.
+        While bounded a share is kept as well that grows without a step from where the hand turned,
+        to 1 - GIVEN_BACK in all: a latency that is longer than the device says makes up to that.
+        What is withheld is found on the way out, and on the way in only falls, over `RECOVERS_S`:
+        a force that is whole again at each turn is a step there, and a hand at rest chatters.
         """
         if not 0.0 < stored_J < math.inf:
+            self._withheld = 0.0
             return force
-        return force * min(1.0, max(0.0, self.energy_J + self.epsilon_J) / stored_J)
-
-    def _bound(self, force: float, stored_J: float) -> float:
-        """Return the share of the force that the energy taken in this contact pays for.
-
-        With the share E/V of a wall that stores V the port gives just E on the way out. Of that a
-        share is kept which grows without a step from where the hand turned, to 1 - GIVEN_BACK in
-        all: a latency that is longer than the device says makes up to that.
-        """
-        if not 0.0 < stored_J < math.inf:
-            return force
-        paid = min(1.0, max(0.0, self._taken_J / stored_J))
-        left = min(1.0, stored_J / self._turned_J) if self._turned_J > 0.0 else 1.0
-        return force * paid * (1 - 2 * (1 - GIVEN_BACK) * (1 - left))
+        taken_J = self._taken_J if self.bounded else self.energy_J + self.epsilon_J
+        share = math.sqrt(min(1.0, max(0.0, taken_J) / stored_J))
+        if self.bounded and leaving and self._turned_J > 0.0:
+            share *= 1 - 2 * (1 - GIVEN_BACK) * (1 - min(1.0, stored_J / self._turned_J))
+        size = abs(force)
+        falls = self._withheld - size * self._period_s / RECOVERS_S
+        missing = max((1 - share) * size, falls)
+        self._withheld = missing if leaving else min(self._withheld, missing)
+        return math.copysign(max(0.0, size - self._withheld), force)
 
     def _damping(self, velocity: float, damping_max: float) -> float:
         """Return the damping that pays the deficit within this tick, as far as it may."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -224,3 +225,15 @@ def test_what_bounding_keeps_grows_without_a_step_from_where_the_hand_turned() -
         forces.append(force)
     assert np.abs(np.diff(forces)).max() < 0.15
     assert -given == pytest.approx(GIVEN_BACK * 1000 * 0.01**2, rel=0.02)
+
+
+def test_a_hand_at_rest_that_gave_too_little_does_not_chatter() -> None:
+    """A wall holds more than the hand gave; each turn gave or took the force of 8 N whole."""
+    observer = PassivityObserver(T, T, 0.05, 0.005)
+    observer.bounded, x, forces = True, 0.0, []
+    for tick in range(400):
+        x = min(0.001, 1e-5 * tick) + 1e-5 * math.sin(0.8 * tick)
+        wall_N = 4000.0 * (x + 0.001)
+        held_J = 0.5 * 4000.0 * (x + 0.001) ** 2
+        forces.append(observer.update(x, 0.0, wall_N, held_J))
+    assert max(abs(b - a) for a, b in pairwise(forces[200:])) < 1.0
