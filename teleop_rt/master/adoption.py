@@ -8,9 +8,9 @@ w follows a cosine over `BLEND_S`, whose tones die above 1/BLEND_S; what changes
 than the step takes as much less time, and estimates that converge are followed as they come.
 
 A wall that arrives in the middle of a blend waits, the newest replacing the one before. It
-takes the place of `new` as soon as that is affordable; until then w moves in the direction that
-releases energy, on the way to 0 or 1, where the exchange is free. So a blend that the tank
-cannot pay never blocks a later and cheaper wall.
+takes the place of `new` as soon as that is affordable, or when w is 1. A blend that went back for
+each newer wall would swing where walls come faster than it takes. Only one that the tank cannot pay
+goes back, to 0, where the exchange is free: it never blocks a later and cheaper wall.
 
 A wall that was placed so that its spring gives the force that is felt needs no blend: it is taken
 at once, or over what its damping changes. A hand that still goes deeper while such a wall is
@@ -210,7 +210,8 @@ class Adoption:
         difference = self._clamp(self.new.force(position, velocity))
         difference -= self._clamp(self.old.force(position, velocity))
         cost_J = self._energy(self.new, position) - self._energy(self.old, position)
-        backwards = self._waiting is not None and cost_J > 0
+        unpaid = (1 - self.weight) * cost_J > self.tank.level_J
+        backwards = self._waiting is not None and unpaid
         room = self._unhurried(abs(difference), dt_s, backwards=backwards)
         if abs(difference) * room > force_step:
             room = force_step / abs(difference)

@@ -195,6 +195,18 @@ def test_a_blend_that_the_tank_has_not_paid_for_a_while_is_starved() -> None:
     assert not adoption.starved, "a new wall, a new chance"
 
 
+def test_walls_that_come_faster_than_a_blend_takes_move_the_force_one_way() -> None:
+    """A surface that rises by 0.6 mm each 40 ms; each news sent the blend back, and 2 N with it."""
+    adoption = adopted(Wall(surface=0.0, k=3000.0))
+    forces = []
+    for tick in range(600):
+        if tick % 40 == 0:
+            adoption.offer(Wall(surface=-0.0006 * (tick // 40), k=3000.0))
+        forces.append(adoption.update(0.003, 0.0, DT_S))
+    assert np.diff(forces).min() >= 0.0
+    assert forces[-1] > 20.0
+
+
 def test_a_softer_wall_needs_no_energy() -> None:
     adoption = adopted(STIFF, capacity_J=0.0)
     adoption.offer(SOFT)
