@@ -175,16 +175,11 @@ def test_a_port_in_use_is_named(call):
 
 @pytest.mark.parametrize("side", ["slave", "master"])
 def test_a_side_looks_at_its_key_before_it_asks_for_a_port(call, side):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
-        code, _, err = call(
-            side, SILICONE, "--key", "missing.key", "--set", f"link.slave_port={port}",
-            "--out", "out",
-        )  # fmt: skip
+    """The trial that ships has no port: its processes find each other without."""
+    code, _, err = call(side, SILICONE, "--key", "missing.key", "--out", "out")
     assert code == 2
     assert "missing.key" in err
-    assert str(port) not in err
+    assert "port" not in err
 
 
 def test_a_run_names_the_bus_that_its_processes_do_not_find(call):
