@@ -79,7 +79,7 @@ _PAIRS = np.dtype([(name, _TYPES[kind]) for name, kind in Pairs.__annotations__.
 _NAMES = list(Pairs.__annotations__)
 _LAST, _GAP, _POSITION, _FORCE = map(_NAMES.index, ("last_ns", "gap", "position", "force"))
 NOTHING, PAIR, TO_AVERAGE = range(3)
-"""What a cycle gives: no pair, one, or a force whose position the caller averages."""
+"""Results of a cycle: no pair, one, or a force whose position the caller averages."""
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""What the derivatives' window removes of the motion is an error of the encoder's draws."""
+"""Motion that the window of the derivatives removes, as an error of the encoder's draws."""
 
 from __future__ import annotations
 

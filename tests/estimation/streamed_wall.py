@@ -12,7 +12,7 @@ _MODELS = {code: name for name, code in MODEL_CODES.items()}
 
 
 class Wall(NamedTuple):
-    """What the master is told of a model, in rig units."""
+    """A model as it is sent to the master, in rig units."""
 
     model: str
     surface: float
