@@ -16,7 +16,7 @@ from teleop_rt.config_rig import RigConfig
 from teleop_rt.terminal import ElapsedLine, red
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
-from teleop_rt_drivers.bus import open_bus
+from teleop_rt_drivers.bus import UNIX, open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.device_check import check_device
@@ -33,7 +33,13 @@ from teleop_rt_drivers.observed_bus import ObservingEnds
 from teleop_rt_drivers.pace import paced
 from teleop_rt_drivers.quantity import FROM_DRIVE
 from teleop_rt_drivers.recording import RecordingAxisConfig
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, parts_of
+from teleop_rt_drivers.registry import (
+    AXIS_SCHEMAS,
+    PLANT_SCHEMAS,
+    CanBusPart,
+    open_axis_on,
+    parts_of,
+)
 from teleop_rt_drivers.stall_check import check_hardware_stalls
 
 FAULT, BAD_CONFIG = 1, 2
@@ -72,18 +78,29 @@ def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: 
         with paced("measuring the link", rig.period_ns) as pace:
             findings += examine_link(trial, pace.wait)
         if trial.plant is not None:
-            findings = simulation_first(findings, config)
+            findings = simulation_first(findings, f"teleop-rt sim {config}")
+    elif between_processes(rig):
+        findings = simulation_first(findings, f"teleop-rt sim silicone_cube --set rig={config}")
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
         raise typer.Exit(FAULT)
 
 
-def simulation_first(findings: list[Finding], config: Path) -> list[Finding]:
-    """Return the findings on a simulated rig; errors of its devices after their usual cause."""
+def between_processes(rig: RigConfig) -> bool:
+    """Return whether a bus of the rig is one between processes, on which devices are simulated."""
+    buses = [part.bus for part in parts_of(rig.axis).values() if isinstance(part, CanBusPart)]
+    return any(bus.interface == UNIX for bus in buses)
+
+
+def simulation_first(findings: list[Finding], command: str) -> list[Finding]:
+    """Return the findings on a simulated rig; errors of its devices after their usual cause.
+
+    `command` starts its devices.
+    """
     if not any(one.severity == "error" and one.where == "devices" for one in findings):
         return findings
     what = "this rig is simulated, and its devices cannot be used: the errors below may follow"
-    step = f"if it is not running, start it first: teleop-rt sim {config}"
+    step = f"if it is not running, start it first: {command}"
     return [Finding("warning", what, "simulation", step), *findings]
 
 

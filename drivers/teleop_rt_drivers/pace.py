@@ -25,6 +25,26 @@ class Pace:
         time.sleep((self._next_ns - now_ns) * 1e-9)
 
 
+BEGIN_NS = 10**12
+"""Of simulated time: devices have been without power for long."""
+
+
+class SimulatedPace:
+    """Simulated time, a period further with each wait."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._now_ns = BEGIN_NS
+
+    def now_ns(self) -> int:
+        """Return the simulated time."""
+        return self._now_ns
+
+    def wait(self) -> None:
+        """Let a period pass."""
+        self._now_ns += self._period_ns
+
+
 @contextmanager
 def paced(name: str, period_ns: int) -> Iterator[Pace]:
     """Give the pace of a measurement, whose name and duration a terminal shows meanwhile."""

@@ -8,11 +8,22 @@ from typing import Annotated
 import typer
 from typer.main import get_command
 
+from teleop_rt.shipped import trial_file
+
 RigFile = Annotated[Path, typer.Argument(help="the rig's YAML file", exists=True, dir_okay=False)]
 Write = Annotated[
     bool, typer.Option("--write", help="write the result into the rig's file; the old file is kept")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
+
+Simulated = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="TRIAL",
+        parser=trial_file,
+        help="rehearse without hardware, on what this trial simulates: a file, or a shipped name",
+    ),
+]
 
 app = typer.Typer(
     add_completion=False,
@@ -30,6 +41,7 @@ def force(
         float | None, typer.Option("--lever-m", help="arm of the weight on a rotary rig, in m")
     ] = None,
     pull: Annotated[bool, typer.Option("--pull", help="the weight pulls, not presses")] = False,
+    simulated: Simulated = None,
     write: Write = False,
     as_json: Json = False,
 ) -> None:
@@ -40,8 +52,9 @@ def force(
         typer.prompt(words, "", show_default=False, err=True)
 
     calibrate_force(
-        rig_file, weights, seconds, lever_m, ask, pull=pull, write=write, as_json=as_json
-    )
+        rig_file, weights, seconds, lever_m, ask,
+        pull=pull, write=write, as_json=as_json, simulated=simulated,
+    )  # fmt: skip
 
 
 @app.command()
@@ -80,6 +93,7 @@ def device(
     force: Annotated[float, typer.Option(help="force to push with, in the rig's unit")],
     reach: Annotated[float, typer.Option(help="way to swing to either side, in the rig's unit")],
     seconds: Annotated[float, typer.Option(min=1.0, max=60.0, help="time to swing")] = 4.0,
+    simulated: Simulated = None,
     write: Write = False,
     as_json: Json = False,
 ) -> None:
@@ -89,7 +103,10 @@ def device(
     def ask(words: str) -> None:
         typer.prompt(words, "", show_default=False, err=True)
 
-    calibrate_device(rig_file, force, reach, seconds, ask, write=write, as_json=as_json)
+    calibrate_device(
+        rig_file, force, reach, seconds, ask,
+        write=write, as_json=as_json, simulated=simulated,
+    )  # fmt: skip
 
 
 calibrate = get_command(app)

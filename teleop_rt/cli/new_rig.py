@@ -69,6 +69,11 @@ def new_rig(
         text = made.with_found(text, drive, found, chosen)
     made.write_rig(file, text)
     print(file)
+    if adapter == "unix":
+        side = "operator.rig" if handle else "rig"
+        trial = "serial_handle" if handle else "silicone_cube"
+        print(f"next: teleop-rt run {trial} --set {side}={file}")
+        return
     rest = "scales and limits" if scan else "ids, scales and limits"
     print(f"next: put in {rest} of your devices, then teleop-rt check and doctor")
 

@@ -27,8 +27,10 @@ def test_check_accepts_the_handle(kind):
     assert not [found for found in check_rig(rig) if found.severity == "error"]
 
 
-# An ODrive sends of its own accord: its position is up to a period older, its force not so exact.
-@pytest.mark.parametrize("kind", [kind for kind in HANDLES if kind != "odrive"])
+# An ODrive sends of its own accord: its position is up to a period of 1 ms older. In a swing of
+# 3 Hz the force is off by w T of its amplitude for that, of its range by w T / (2 sqrt 2): 0.0067,
+# and what it reports of its motor is a period older again.
+@pytest.mark.parametrize("kind", HANDLES)
 def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(kind, tmp_path):
     trial = load_trial_file(SERIAL, ["duration_s=4", handle_of(kind)])
     write_trial(tmp_path, trial)
@@ -36,9 +38,11 @@ def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(kind, tm
     summary = summarise(tmp_path, trial, outcome, environment_force)
     assert summary["safety"]["fault"]["name"] == "none"
     master = summary["master"]
-    assert master["nrmse"] < 0.005
-    assert master["true_port"]["motor_nrmse"] < 0.02
-    assert master["rendering"]["passivity"]["reduced"] is False
+    older = 0.0067 if kind == "odrive" else 0.0
+    assert master["nrmse"] < 0.005 + older
+    assert master["true_port"]["motor_nrmse"] < 0.02 + 2.0 * older
+    # Older positions need more damping at this stiffness: it is rendered softer.
+    assert master["rendering"]["passivity"]["reduced"] is (kind == "odrive")
 
 
 @pytest.mark.parametrize("kind", HANDLES)

@@ -55,6 +55,23 @@ def test_a_servo_s_position_is_stamped_half_way_between_question_and_answer(kind
     assert bench.cycle(0.0).position_stamp_ns == bench.now - MS, "unknown: when it was asked"
 
 
+@pytest.mark.parametrize("kind", ["dynamixel", "feetech"])
+def test_an_answer_that_the_cycle_itself_reads_has_the_stream_s_time(kind):
+    bench = armed(kind)
+    asked = bench.now
+    bench.ends.line_pair("drive")[0].arrived_ns = asked + 400_000
+    assert bench.cycle(0.0).position_stamp_ns == asked + 200_000
+
+
+@pytest.mark.parametrize("kind", ["damiao", "robstride", "moteus"])
+def test_a_motor_s_position_is_stamped_half_way_to_its_answer_on_a_watched_bus(kind):
+    """The bus was empty when it was asked: the answer came half a cycle later, or so."""
+    bench = armed(kind)
+    asked = bench.now
+    bench.axis._parts[0][1]._ports[0].wire.empty_ns = asked
+    assert bench.cycle(0.0).position_stamp_ns == asked + MS // 4
+
+
 def test_a_force_has_the_time_at_which_its_frame_arrived():
     bench = armed("feetech")
     line = bench.ends.line_pair("sensor.wrench")[0]

@@ -141,3 +141,30 @@ def test_the_lag_of_the_load_cell_is_found_by_pressing_on_a_spring(tmp_path, cal
     found = load_rig(file, registry.AXIS_SCHEMAS).sensors
     assert found.force_lag_ms == pytest.approx(result["lag_ms"], rel=1e-4)
     assert found.force_lag_deviation_ms == pytest.approx(result["deviation_ms"], rel=1e-4)
+
+
+def test_the_scale_is_found_without_hardware_by_simulated_weights(tmp_path, call):
+    file = tmp_path / "rig.yaml"
+    text = CELL.read_text()
+    assert "scale_N_per_unit: 2.0e-4" in text
+    file.write_text(text.replace("scale_N_per_unit: 2.0e-4", "scale_N_per_unit: 3.0e-4"))
+    code, out, err = call(
+        "calibrate", "force", file, "--weights", "0,0.5,1", "--seconds", "1.5",
+        "--simulated", "silicone_cube", "--write", "--json",
+    )  # fmt: skip
+    assert code == 0, err
+    found = json.loads(out)
+    assert found["factor"] == pytest.approx(2.0 / 3.0, rel=0.005)
+    assert found["noise"] == pytest.approx(0.05, abs=0.015)
+    force = load_rig(file, registry.AXIS_SCHEMAS).axis.parts["sensor"].force
+    assert force.scale == pytest.approx(2.0e-4, rel=0.005)
+
+
+def test_what_a_trial_does_not_simulate_is_named(tmp_path, call):
+    handle = CELL.with_name("simulated_odrive_handle.yaml")
+    code, _, err = call(
+        "calibrate", "device", handle, "--force", "4", "--reach", "0.005",
+        "--simulated", "silicone_cube",
+    )  # fmt: skip
+    assert code == 2
+    assert "simulates no operator's device; handle does" in " ".join(err.split())

@@ -18,7 +18,7 @@ from teleop_rt_drivers.bus_load import frame_bits
 from teleop_rt_drivers.canopen.survey import survey
 from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.doctor import examine_axis, frame_names
-from teleop_rt_drivers.examination import simulation_first
+from teleop_rt_drivers.examination import between_processes, simulation_first
 from teleop_rt_drivers.findings import Finding, worst
 from teleop_rt_drivers.observed_bus import ObservedBus
 from teleop_rt_drivers.simulated.synchronous_bus import as_sent
@@ -363,7 +363,14 @@ def test_round_trip_and_loss_of_the_link_are_measured(monkeypatch):
 def test_a_simulated_rig_that_does_not_answer_is_named_as_the_first_cause():
     absent = Finding("error", "no answer from the drive", "devices", "follow this message")
     late = Finding("error", "no answer came back", "link to 127.0.0.1")
-    first, *rest = simulation_first([late, absent], Path("cube.yaml"))
+    first, *rest = simulation_first([late, absent], "teleop-rt sim cube.yaml")
     assert "start it first: teleop-rt sim cube.yaml" in str(first)
     assert rest == [late, absent]
-    assert simulation_first([late], Path("cube.yaml")) == [late], "the link alone has other causes"
+    assert simulation_first([late], "") == [late], "the link alone has other causes"
+
+
+def test_a_rig_on_a_bus_between_processes_is_a_simulated_one(tmp_path):
+    assert between_processes(load("odrive"))
+    assert not between_processes(
+        edited("odrive", tmp_path, ("interface: unix", "interface: socketcan"))
+    )

@@ -176,3 +176,18 @@ def test_a_motion_that_cannot_be_is_refused_before_anything_is_opened(rig, chang
     )
     assert code == 2
     assert words in " ".join(err.split())
+
+
+def test_a_device_is_calibrated_without_hardware_on_what_a_trial_simulates(tmp_path, call):
+    file = tmp_path / "rig.yaml"
+    text = (CANOPEN.parents[1] / "rigs" / "simulated_odrive_handle.yaml").read_text()
+    assert "damping_N_s_per_m: 12.0" in text
+    file.write_text(text)
+    code, _, err = call(
+        "calibrate", "device", file, "--force", "4", "--reach", "0.005",
+        "--simulated", "serial_handle", "--write",
+    )  # fmt: skip
+    assert code == 0, err
+    body = load_rig(file, registry.AXIS_SCHEMAS).device
+    assert body.mass == pytest.approx(0.2, rel=0.01)
+    assert 0.97 * 12.0 < body.damping < 12.0

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,11 +19,11 @@ from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys, drivetrain
 from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
+from teleop_rt_drivers.calibration.table import Ask, free_device, with_weights
 from teleop_rt_drivers.calibration.torque_lag import find_torque_lag
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
-from teleop_rt_drivers.operator_device import device_transport, open_device_of
-from teleop_rt_drivers.pace import paced
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis
+from teleop_rt_drivers.operator_device import device_transport
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
 
 STANDARD_GRAVITY = 9.80665
 
@@ -34,27 +33,31 @@ def calibrate_force(
     weights: str,
     seconds: float,
     lever_m: float | None,
-    ask: Callable[[str], object],
+    ask: Ask,
     *,
     pull: bool,
     write: bool,
     as_json: bool,
+    simulated: Path | None = None,
 ) -> None:
-    """Read the rig's force under each weight, after `ask` has had it hung; print, and write."""
+    """Read the rig's force under each weight, after `ask` has had it hung; print, and write.
+
+    Of a trial `simulated` its sensor is read, with simulated weights.
+    """
     rig = load_rig(file, AXIS_SCHEMAS)
     masses = masses_of(weights)
     if (rig.units.force == "Nm") != (lever_m is not None):
         raise CalibrationError("--lever-m is only for a rotary rig")
     per_kg = STANDARD_GRAVITY * (lever_m or 1.0) * (-1.0 if pull else 1.0)
-    axis = open_axis(rig, time.monotonic_ns)
+    axis, clock, hang = with_weights(file, rig, simulated, ask)
     readings = []
     try:
         axis.configure()
         for mass in masses:
-            ask(f"hang {mass:g} kg, let it rest, press Enter")
-            with paced(f"reading {mass:g} kg", rig.period_ns) as pace:
-                force = per_kg * mass
-                readings.append(read_force(axis, pace.wait, time.monotonic_ns, force, seconds))
+            force = per_kg * mass
+            hang(mass, force)
+            with clock.paced(f"reading {mass:g} kg", rig.period_ns) as pace:
+                readings.append(read_force(axis, pace.wait, clock.now_ns, force, seconds))
     finally:
         axis.close()
     fit = fit_weights(readings)
@@ -125,12 +128,16 @@ def calibrate_device(
     force: float,
     reach: float,
     seconds: float,
-    ask: Callable[[str], object],
+    ask: Ask,
     *,
     write: bool,
     as_json: bool,
+    simulated: Path | None = None,
 ) -> None:
-    """Let an operator's device swing, after `ask` has had it let go; print, and write."""
+    """Let an operator's device swing, after `ask` has had it let go; print, and write.
+
+    Of a trial `simulated` its device swings, which nobody holds.
+    """
     rig = load_rig(file, AXIS_SCHEMAS)
     transport, limits = device_transport(rig), rig.limits
     if not 0.0 < force <= limits.force_max:
@@ -140,16 +147,16 @@ def calibrate_device(
     travel = limits.position_max - limits.position_min
     if not 0.0 < (1.0 + TOO_FAR) * reach < travel / 2.0:
         raise CalibrationError(f"--reach {reach:g}: above 0, at most an eighth of the travel")
-    device = open_device_of(rig, time.monotonic_ns)
+    words = (
+        f"the device will swing by about {reach:g} {rig.units.position}, pushed with {force:g} "
+        f"{rig.units.force} for {seconds:g} s: put it in the middle, let go, press Enter"
+    )
+    device, clock, let_go = free_device(file, rig, simulated, ask, words)
     try:
         device.configure()
-        unit = rig.units
-        ask(
-            f"the device will swing by about {reach:g} {unit.position}, pushed with {force:g} "
-            f"{unit.force} for {seconds:g} s: put it in the middle, let go, press Enter"
-        )
-        with paced("swinging the device", rig.period_ns) as pace:
-            motion = swing(device, pace.wait, time.monotonic_ns, force, reach, seconds)
+        let_go()
+        with clock.paced("swinging the device", rig.period_ns) as pace:
+            motion = swing(device, pace.wait, clock.now_ns, force, reach, seconds)
     finally:
         device.close()
     fit = fit_device(motion)

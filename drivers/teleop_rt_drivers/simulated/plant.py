@@ -62,6 +62,8 @@ class Plant:
         self.config = config
         self.now_ns = start_ns
         self.mode = OFF
+        self.hung = 0.0
+        """Force of a weight that hangs at the force sensor."""
         self._random = np.random.default_rng(seed)
         self._state = np.zeros(STATES)
         self._state[POSITION] = self._state[REFERENCE] = config.start
@@ -255,7 +257,7 @@ class Plant:
         lag_ns = max(0, round(1e6 * lag_ms + 1e3 * jitter_us))
         lagged = self._force_at(self._head, self.now_ns - lag_ns)
         age_s = (self.now_ns - self._start_ns) * 1e-9
-        lagged += sensors.force_offset + sensors.force_drift * age_s
+        lagged += sensors.force_offset + sensors.force_drift * age_s + self.hung
         return lagged + sensors.force_noise * self._random.standard_normal() + self._spark()
 
     def averaged_force(self, stamps_ns: Stamps, weights: Vector) -> float:
@@ -266,7 +268,9 @@ class Plant:
         forces = np.interp(stamps_ns - lag_ns, self._stamps[order], self._forces[order])
         age_s = (int(stamps_ns[-1]) - self._start_ns) * 1e-9
         mean = float(weights @ forces) + sensors.force_offset + sensors.force_drift * age_s
-        return mean + sensors.force_noise * self._random.standard_normal() + self._spark()
+        return (
+            mean + self.hung + sensors.force_noise * self._random.standard_normal() + self._spark()
+        )
 
     def _spark(self) -> float:
         """Return what an outlier adds, 0 for most samples."""
