@@ -1,4 +1,4 @@
-"""What a calibration is made on: the rig itself, or what a trial simulates in place of it."""
+"""The table of a calibration: the rig itself, or the simulation of a trial in its place."""
 
 from __future__ import annotations
 
