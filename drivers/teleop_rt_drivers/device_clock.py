@@ -21,14 +21,16 @@ FLOOR_NS = 20_000.0
 """Arrivals vary by at least so much; below, the gate would shut on quantisation."""
 WARM_UP = 50
 MOST_OUTLIERS_IN_A_ROW = 50
+_WORD_BITS, _ALL_BITS = 64, -1
 START_COVARIANCE = 1e12
 RATE_COVARIANCE = 1e-6
 """The device's second is ours within 0.1 % at the start."""
 
 
 _STATE = np.dtype(
-    [(name, np.int64) for name in ("samples", "origin_ns", "outliers", "in_a_row")]
+    [(name, np.int64) for name in ("samples", "origin_ns", "outliers", "in_a_row", "count", "mask")]
     + [(name, np.float64) for name in ("offset_ns", "rate", "p00", "p01", "p11", "variance")]
+    + [("tick_ns", np.float64)]
 )
 Stored = NDArray[np.record]
 
@@ -42,9 +44,25 @@ def forget(clock: Any) -> None:
 
 
 @kernel
-def advance(stored: Stored, step_ns: float, arrival_ns: int) -> int:
+def take_count(clock: Any, count: int, arrival_ns: int) -> int:
+    """Take a count, as `DeviceClock.word` has it, and its arrival; return its time on our clock."""
+    if clock.samples == 0:
+        clock.count = count
+    # Between counts of 64 bits as well: their difference wraps around as they do.
+    step_ns = float(np.uint64(count - clock.count) & np.uint64(clock.mask)) * clock.tick_ns
+    clock.count = count
+    return advance(clock, step_ns, arrival_ns)
+
+
+@kernel
+def take_into(stored: Stored, count: int, arrival_ns: int) -> int:
+    """Take a count into the clock in an array of one: see `take_count`."""
+    return take_count(stored[0], count, arrival_ns)
+
+
+@kernel
+def advance(clock: Any, step_ns: float, arrival_ns: int) -> int:
     """Take a count that came so long after the one before; return its time on our clock."""
-    clock: Any = stored[0]
     if clock.samples == 0:
         clock.origin_ns = arrival_ns
     # The state belongs to the newest device time, so that the numbers stay small for ever.
@@ -82,20 +100,24 @@ class DeviceClock:
     """Maps a device's counter of `bits` and `tick_s` per count onto monotonic nanoseconds."""
 
     def __init__(self, tick_s: float, bits: int) -> None:
-        self._tick_ns = tick_s * 1e9
         self._modulo = 1 << bits
-        self._stored: Stored = np.zeros(1, np.dtype((np.record, _STATE)))
-        self._clock: Any = self._stored[0]
-        words = self._stored.view(np.uint8).data.cast("q")
+        self._half = 1 << bits - 1
+        self.stored: Stored = np.zeros(1, np.dtype((np.record, _STATE)))
+        self._clock: Any = self.stored[0]
+        self._clock.tick_ns = tick_s * 1e9
+        self._clock.mask = _ALL_BITS if bits == _WORD_BITS else self._modulo - 1
+        words = self.stored.view(np.uint8).data.cast("q")
         self._samples, self._outliers = words[:1], words[2:3]
-        self.count = 0
-        advance(self._stored, 0.0, 0)  # compiled and loaded now, not in a tick
+        take_into(self.stored, 0, 0)  # compiled and loaded now, not in a tick
         self.reset()
 
     def reset(self) -> None:
         """Forget both clocks."""
-        self.count = 0
         forget(self._clock)
+
+    def word(self, count: int) -> int:
+        """Return a count, whatever its field holds beside it, as a word that kernels take."""
+        return (count + self._half) % self._modulo - self._half
 
     @property
     def samples(self) -> int:
@@ -119,8 +141,4 @@ class DeviceClock:
 
     def update(self, count: int, arrival_ns: int) -> int:
         """Take a count and its arrival; return the count's time on our clock."""
-        if self._samples[0] == 0:
-            self.count = count
-        step_ns = ((count - self.count) % self._modulo) * self._tick_ns
-        self.count = count
-        return advance(self._stored, step_ns, arrival_ns)
+        return take_into(self.stored, self.word(count), arrival_ns)

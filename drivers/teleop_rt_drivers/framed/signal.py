@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
+import numpy as np
+
+from teleop_rt.jit import bound
 from teleop_rt_drivers.device_clock import DeviceClock
+from teleop_rt_drivers.framed import taking
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.framed.signal_config import SignalConfig, SwitchSignal
     from teleop_rt_drivers.framed.source import Source, Values
     from teleop_rt_drivers.quantity import Plausible, Scale
+
+_VALUE, _STAMP = taking.place("value"), taking.place("stamp_ns")
+_DEVICE_STAMP = taking.place("device_stamp_ns")
 
 
 class Switch:
@@ -57,27 +64,38 @@ class Signal:
         self._new = False
         self._timeout_ns = config.timeout_ms * 1_000_000
         self._slot = source.slot(config.field)
-        self._offset, self._gain = scale.offset, scale.sign * scale.per_count
-        self._plausible = plausible
         self._counters = counters
         self._status_slot = -1 if config.status is None else source.slot(config.status.field)
         self._good = 0 if config.status is None else config.status.good
-        self._clock = None
-        self._clock_slot = -1
+        self._clock, self._clock_slot = None, -1
         if config.clock is not None:
             self._clock = DeviceClock(config.clock.tick_s, config.clock.bits)
             self._clock_slot = source.slot(config.clock.field)
         self._watched_ns = 0
-        self._candidate = math.nan
-        self._candidate_ns = 0
-        self._candidate_device_ns = -1
+        stored = self._store(scale, plausible)
+        clock = (self._clock or DeviceClock(1.0, 1)).stored
+        self._accept = bound(taking.take, (stored, clock), 0.0, True, 0, 0)  # noqa: FBT003
+        self._settle = bound(taking.settle, (stored,))
         source.listen(self._take)
+
+    def _store(self, scale: Scale, plausible: Plausible) -> taking.StoredValue:
+        """Return what kernels know of the value, and keep views of it."""
+        stored = taking.new_value()
+        self._state = state = cast("taking.Value", stored[0])
+        state.offset, state.gain = scale.offset, scale.sign * scale.per_count
+        state.lower, state.upper = plausible.lower, plausible.upper
+        state.rate, state.slack = plausible.rate, plausible.slack
+        state.has_clock = self._clock is not None
+        state.candidate, state.candidate_device_ns = math.nan, -1
+        words = stored.view(np.uint8).data
+        self._floats, self._counts = words.cast("d"), words.cast("q")
+        return stored
 
     def reset(self, now_ns: int) -> None:
         """Forget the value: the next one may be anywhere in range."""
         self.known = False
-        self.stamp_ns = self._watched_ns = now_ns
-        self._candidate = math.nan
+        self.stamp_ns = self._watched_ns = self._state.stamp_ns = now_ns
+        self._state.known, self._state.candidate = 0, math.nan
 
     def begin(self, now_ns: int) -> None:
         """Begin to watch: the source has its whole timeout from now, and its clock is new.
@@ -98,49 +116,24 @@ class Signal:
 
     def _take(self, values: Values, now_ns: int) -> None:
         """Keep a frame's value if it can be true."""
-        value = self._offset + self._gain * values[self._slot]
-        if self._status_slot >= 0 and values[self._status_slot] != self._good:
-            self._counters["bad_status"] += 1
-        elif not (math.isfinite(value) and math.isfinite(self._device_time(values))):
-            self._counters["not_a_number"] += 1
-        elif not self._plausible.lower <= value <= self._plausible.upper:
-            self._counters["out_of_range"] += 1
-        elif self._clock is not None and not self._ticked(self._clock, values, now_ns):
-            self._counters["repeated"] += 1
-        else:
-            self._candidate = value
-            self._candidate_ns = now_ns
-
-    def _device_time(self, values: Values) -> float:
-        """Return the count of the device's own clock, 0 without one."""
-        return values[self._clock_slot] if self._clock is not None else 0.0
-
-    def _ticked(self, clock: DeviceClock, values: Values, now_ns: int) -> bool:
-        """Map the device's time on ours; false where its clock stands still: a frozen device."""
-        count, outliers = int(values[self._clock_slot]), clock.outliers
-        if clock.samples and count == clock.count:
-            return False
-        self._candidate_device_ns = clock.update(count, now_ns)
-        self._counters["clock_outliers"] += clock.outliers - outliers
-        return True
+        raw, slot, clock = values[self._slot], self._status_slot, self._clock
+        good, count = slot < 0 or values[slot] == self._good, 0
+        if clock is not None:
+            time = values[self._clock_slot]
+            if math.isfinite(time):
+                count = clock.word(int(time))
+            else:
+                raw = math.nan
+        if code := self._accept(raw, good, count, now_ns):
+            self._counters[taking.COUNTERS[code]] += 1
 
     def settle(self) -> bool:
         """Take over what this cycle brought if it did not jump; return whether it is new."""
-        self._new = self._taken_over()
-        return self._new
-
-    def _taken_over(self) -> bool:
-        candidate, self._candidate = self._candidate, math.nan
-        if math.isnan(candidate):
-            return False
-        plausible = self._plausible
-        elapsed_s = (self._candidate_ns - self.stamp_ns) * 1e-9
-        reach = plausible.slack + plausible.rate * elapsed_s
-        if self.known and abs(candidate - self.value) > reach:
+        found = self._settle()
+        self._new = new = found == taking.NEW
+        if new:
+            self.value, self.stamp_ns = self._floats[_VALUE], self._counts[_STAMP]
+            self.device_stamp_ns, self.known = self._counts[_DEVICE_STAMP], True
+        elif found == taking.JUMPED:
             self._counters["impossible_jump"] += 1
-            return False
-        self.value = candidate
-        self.stamp_ns = self._candidate_ns
-        self.device_stamp_ns = self._candidate_device_ns
-        self.known = True
-        return True
+        return new
