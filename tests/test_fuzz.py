@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -84,8 +83,8 @@ def test_a_value_without_limits_is_found(monkeypatch) -> None:
 
     def boundless(victim: Victim, drive: str) -> None:
         made(victim, drive)
-        wide = replace(victim.bounds, lower=-1e9, upper=1e9, slack=1e9)
-        victim.signal._plausible = wide
+        value = victim.signal._state
+        value.lower, value.upper, value.slack = -1e9, 1e9, 1e9
 
     monkeypatch.setattr(Victim, "__init__", boundless)
     assert attack("damiao", 300, 3).impossible > 0
