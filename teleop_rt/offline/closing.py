@@ -108,17 +108,35 @@ def close_loop(
         "withdrawn": None,
         "fresh": None,
     }
-    chosen, draft, added = found.answer, None, list[str]()
+    chosen, draft = found.answer, None
     if not chosen["effects"] and (draft := found.draft) is not None:
         chosen = {**chosen, "effects": [draft.effect], "base": draft.base}
-        library, added = known_effects(draft.file), [f"effects_file={draft.file.resolve()}"]
+        library = known_effects(draft.file)
         answer["reason"] = DRAFTED
     if not chosen["effects"]:
         return answer | {"reason": ANSWERS.get(chosen["verdict"], "no effect was named")}
+    return answer | _on_fresh_trial(trial, base, run, out, found, chosen, library, draft)
+
+
+def _on_fresh_trial(
+    trial: TrialConfig,
+    base: str,
+    run: RunTrial,
+    out: Path,
+    found: Found,
+    chosen: dict[str, Any],
+    library: tuple[Effect, ...],
+    draft: Drafted | None,
+) -> dict[str, Any]:
+    """Run the fresh trial without and with the extended model; return its errors, and the verdict.
+
+    `chosen` holds the effects and the base that are written to model.yaml.
+    """
     model = out / "model.yaml"
     extended.write(model, chosen)
     fresh = fresh_motion(trial)
     alone = [*fresh, f"estimation.models=[{base}]"]
+    added = [] if draft is None else [f"effects_file={draft.file.resolve()}"]
     before = run(alone, out / "before")
     after = run([*alone, *added, f"extended_model={model.resolve()}"], out / "after")
     unseen = load_any(out / "after" / RECORDING, _OWN)
@@ -131,7 +149,7 @@ def close_loop(
         "master": _at_hand(before, after),
         "handled": handled(chosen, library),
     }
-    return answer | {"fresh": errors} | keep_or_withdraw(model, errors)
+    return {"fresh": errors} | keep_or_withdraw(model, errors)
 
 
 def _diagnose(

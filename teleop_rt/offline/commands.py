@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -108,57 +109,52 @@ def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
 
 
 def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
-    error = answer["error"]
+    say = functools.partial(console.print, highlight=False, soft_wrap=True)
     verdict = answer["verdict"].replace("_", " ")
     console.print(f"[bold]{escape(answer['recording'])}[/bold]: {verdict}", soft_wrap=True)
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())
-    console.print(f"  {base['model']} (base): {values}", highlight=False, soft_wrap=True)
+    say(f"  {base['model']} (base): {values}")
     print_effects(console, answer)
+    _print_errors(say, answer)
+    print_draft(console, answer["draft"])
+    seen = [one for one in answer["detectable"] if one["size"] is not None]
+    if answer["verdict"] == "no_missing_effect" and seen:
+        say("  would have been seen:")
+        for one in seen:
+            say(f"    {size_seen(one)}")
+    if (experiment := answer["experiment"]) is not None:
+        where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
+        say(f"  to decide: {experiment['why']}{where}")
+    if (gaps := answer["gaps"])["samples"]:
+        samples, count = _counted(gaps["samples"], "sample"), _counted(gaps["count"], "gap")
+        say(f"  {samples} missing in {count}")
+    for note in answer["notes"]:
+        say(f"  note: {note}")
+    for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
+        say(
+            f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
+            f" by least squares {_share(entry['least_squares'])}"
+        )
+
+
+def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
+    """Print the errors of prediction, and properties of what is left unexplained."""
+    error = answer["error"]
     if answer["predictor"] and set(answer["predictor"]) != {e["name"] for e in answer["effects"]}:
-        text = f"  predicts best with: {' + '.join(answer['predictor'])}"
-        console.print(text, highlight=False, soft_wrap=True)
+        say(f"  predicts best with: {' + '.join(answer['predictor'])}")
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
-    console.print(
-        f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}",
-        highlight=False,
-        soft_wrap=True,
-    )
+    say(f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}")
     if (nearest := answer["nearest"]) is not None:
-        console.print(
+        say(
             f"  nearest: {' + '.join(nearest['effects'])}, of the family {nearest['family']},"
             f" explains {100.0 * nearest['share']:.0f} % of what the base leaves: NRMSE before"
-            f" {_share(nearest['before'])}, after {_share(nearest['after'])}",
-            highlight=False,
-            soft_wrap=True,
+            f" {_share(nearest['before'])}, after {_share(nearest['after'])}"
         )
     if answer["dependence"] is not None:
         parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
         text = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0.0)
-        console.print(f"  what is left depends on: {text}", highlight=False, soft_wrap=True)
-    print_draft(console, answer["draft"])
-    seen = [one for one in answer["detectable"] if one["size"] is not None]
-    if answer["verdict"] == "no_missing_effect" and seen:
-        console.print("  would have been seen:", highlight=False)
-        for one in seen:
-            console.print(f"    {size_seen(one)}", highlight=False, soft_wrap=True)
-    if (experiment := answer["experiment"]) is not None:
-        where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
-        console.print(f"  to decide: {experiment['why']}{where}", highlight=False, soft_wrap=True)
-    if (gaps := answer["gaps"])["samples"]:
-        text = (
-            f"  {_counted(gaps['samples'], 'sample')} missing in {_counted(gaps['count'], 'gap')}"
-        )
-        console.print(text, highlight=False)
-    for note in answer["notes"]:
-        console.print(f"  note: {note}", highlight=False, soft_wrap=True)
-    for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
-        console.print(
-            f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
-            f" by least squares {_share(entry['least_squares'])}",
-            highlight=False,
-            soft_wrap=True,
-        )
+        say(f"  what is left depends on: {text}")
 
 
 def size_seen(effect: Mapping[str, Any]) -> str:
