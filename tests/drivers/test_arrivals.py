@@ -245,3 +245,40 @@ def test_a_frame_has_the_stamp_of_the_kernel_where_that_can_be():
     unwatched = _Noting(_Bus([credible]), stamps=True)
     unwatched.drain(now_ns)
     assert unwatched.came == [now_ns]
+
+
+def test_frames_that_were_kept_have_the_middle_of_the_time_in_which_they_came():
+    end = _Noting(_Bus([0.0]), stamps=False)
+    end.empty_ns = empty_ns = time.monotonic_ns() - 10 * MS
+    end.keep()
+    kept_ns = time.monotonic_ns()
+    assert empty_ns < end.empty_ns <= kept_ns, "what comes next came after this look"
+    end.drain(kept_ns + 5 * MS)
+    (came_ns,) = end.came
+    assert empty_ns + 5 * MS <= came_ns <= (empty_ns + kept_ns) // 2
+
+
+def test_each_read_begins_the_time_in_which_the_next_bytes_come():
+    near, far = os.pipe()
+    os.set_blocking(near, False)
+    stream = DescriptorStream(near)
+    stream.empty_ns = began_ns = time.monotonic_ns() - 100 * MS
+    os.write(far, b"a")
+    stream.read()
+    first_ns = stream.arrived_ns
+    os.write(far, b"b")
+    stream.read()
+    assert began_ns < first_ns < began_ns + 90 * MS
+    assert stream.arrived_ns > began_ns + 99 * MS
+    stream.close()
+    os.close(far)
+
+
+def test_a_force_that_the_cycle_itself_reads_has_the_stream_s_time():
+    bench = armed("feetech")
+    line = bench.ends.line_pair("sensor.wrench")[0]
+    bench.now += MS
+    bench.simulated.process()
+    line.arrived_ns = bench.now - 300_000
+    bench.axis.read_into(bench.sample)
+    assert bench.sample.force_stamp_ns == bench.now - 300_000
