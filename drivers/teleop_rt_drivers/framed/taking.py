@@ -18,7 +18,7 @@ COUNTERS = ("", "bad_status", "not_a_number", "out_of_range", "repeated", "clock
 """By code what counts a frame; the value of one whose time alone is an outlier is kept."""
 FINE, _BAD_STATUS, _NOT_A_NUMBER, _OUT_OF_RANGE, _REPEATED, _CLOCK_OUTLIER = range(len(COUNTERS))
 NOTHING, NEW, JUMPED = range(3)
-"""What a cycle brought."""
+"""Results of a cycle: no value, a new one, or one that is rejected because it jumped."""
 
 
 class Value:
@@ -62,7 +62,7 @@ def take(
 ) -> int:
     """Keep a frame's raw value if it can be true; return the code of what counts it.
 
-    `good` is what the frame says of itself; count: the device's own time, by its `clock`.
+    `good` is the status of the frame; count: the device's own time, by its `clock`.
     """
     s: Any = stored[0]
     value = s.offset + s.gain * raw
