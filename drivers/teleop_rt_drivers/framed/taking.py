@@ -1,4 +1,4 @@
-"""A value out of frames, as kernels: what of a frame can be true, and what a cycle takes over."""
+"""A value out of frames, as kernels: plausibility of a frame, and the value of a cycle."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def place(field: str) -> int:
 def take(
     stored: StoredValue, clock: Stored, raw: float, good: bool, count: int, now_ns: int
 ) -> int:
-    """Keep a frame's raw value if it can be true; return the code of what counts it.
+    """Keep a frame's raw value if it can be true; return the code of its counter.
 
     `good` is the status of the frame; count: the device's own time, by its `clock`.
     """
