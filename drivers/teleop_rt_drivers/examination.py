@@ -80,7 +80,8 @@ def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: 
         if trial.plant is not None:
             findings = simulation_first(findings, f"teleop-rt sim {config}")
     elif between_processes(rig):
-        findings = simulation_first(findings, f"teleop-rt sim silicone_cube --set rig={config}")
+        command = f"teleop-rt sim silicone_cube --set rig={config.resolve()}"
+        findings = simulation_first(findings, command)
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
         raise typer.Exit(FAULT)

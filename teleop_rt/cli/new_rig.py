@@ -72,7 +72,7 @@ def new_rig(
     if adapter == "unix":
         side = "operator.rig" if handle else "rig"
         trial = "serial_handle" if handle else "silicone_cube"
-        print(f"next: teleop-rt run {trial} --set {side}={file}")
+        print(f"next: teleop-rt run {trial} --set {side}={file.resolve()}")
         return
     rest = "scales and limits" if scan else "ids, scales and limits"
     print(f"next: put in {rest} of your devices, then teleop-rt check and doctor")
