@@ -28,6 +28,8 @@ BLEND_S = 0.2
 """How long a blend takes that changes the force by its step or more: a hand rings at 4 to 10 Hz."""
 STARVED_S = 0.1
 """A blend for which the tank has had nothing for so long is at a standstill."""
+PLACE_HALVINGS = 16
+"""Of the depth, to place a hand in a wall: below a ten-thousandth of it."""
 
 
 class Tank:
@@ -100,6 +102,22 @@ class Adoption:
             return self._energy(self.new, position)
         old = (1 - self.weight) * self._energy(self.old, position)
         return old + self.weight * self._energy(self.new, position)
+
+    def place_of(self, wall: Wall, position: float) -> float:
+        """Return where in `wall` the hand at `position` is to be placed: where it pushes as felt.
+
+        A softer wall of the same force holds more energy. Where the tank cannot pay for that, the
+        hand is placed less deep, at the energy that there is, and feels less.
+        """
+        place = wall.position_of(self.elastic_force(position))
+        most_J = self.stored(position) + max(0.0, self.tank.level_J)
+        if self._energy(wall, place) <= most_J:
+            return place
+        low, high = wall.surface_now, place
+        for _ in range(PLACE_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._energy(wall, middle) < most_J else (low, middle)
+        return low
 
     def shift(self, distance: float) -> None:
         """Move what is rendered, with the hand whose coordinate moves alike; the force stays."""

@@ -70,9 +70,9 @@ class Registration:
         if hand - self.offset > wall.surface:
             self.offset += math.ulp(hand)
 
-    def adopt_at_force(self, hand: float, wall: Wall, felt: float) -> None:
-        """Put the hand to where the wall's spring gives the force that is felt."""
-        self.offset = hand - wall.position_of(felt)
+    def place(self, hand: float, position: float) -> None:
+        """Put the hand to a position of the slave's."""
+        self.offset = hand - position
 
     def relax(self, hand: float, wall: Wall, dt_s: float) -> None:
         """Let some of the offset vanish; only to be called out of contact."""

@@ -80,7 +80,7 @@ class WallIntake:
             self._pressed = state.in_contact
             self._take_state(state, hand, one_way_s)
         if self._adoption.starved and not self._adoption.newest.bilateral:
-            self._offer_at_force(self._adoption.newest, hand)
+            self._offer_placed(self._adoption.newest, hand)
 
     def render_anew(self, hand: float, one_way_s: float) -> None:
         """Take the newest model over again, as far as the device is trusted now."""
@@ -155,7 +155,7 @@ class WallIntake:
                 and not (passive.bilateral or gives_way)
                 and (self.provisional or not adoption.affords(passive, before))
             ):
-                self._offer_at_force(passive, hand)
+                self._offer_placed(passive, hand)
             else:
                 if not felt:
                     self._registration.adopt_at_hand(hand, passive)
@@ -163,10 +163,10 @@ class WallIntake:
             self.provisional = False
         return True
 
-    def _offer_at_force(self, wall: Wall, hand: float) -> None:
-        """Offer a wall at the place where its spring gives the force that is felt now."""
+    def _offer_placed(self, wall: Wall, hand: float) -> None:
+        """Offer a wall where its spring gives the felt force, or less where that cannot be paid."""
         adoption, before = self._adoption, self._x(hand)
-        self._registration.adopt_at_force(hand, wall, adoption.elastic_force(before))
+        self._registration.place(hand, adoption.place_of(wall, before))
         adoption.shift(self._x(hand) - before)
         adoption.offer(wall, 0.0)
 

@@ -216,7 +216,7 @@ def applied_in_order(world: FaultWorld) -> str:
     newest: dict[tuple[str, str], tuple[int, int]] = {}
     for side in ("slave", "master"):
         endpoint = getattr(world.world, f"{side}_endpoint")
-        store = endpoint._store
+        store = endpoint.store
 
         def noted(
             kind: int,
@@ -231,7 +231,7 @@ def applied_in_order(world: FaultWorld) -> str:
             newest[key] = sequence
             store(kind, *body)
 
-        endpoint._store = noted
+        endpoint.store = noted
     world.until(lambda: False, 1000)
     if too_steep := slew(world):
         problem.append(too_steep)

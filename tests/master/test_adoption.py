@@ -195,6 +195,24 @@ def test_a_blend_that_the_tank_has_not_paid_for_a_while_is_starved() -> None:
     assert not adoption.starved, "a new wall, a new chance"
 
 
+@pytest.mark.parametrize("k", [400.0, 3000.0, 9000.0])
+@pytest.mark.parametrize("level_J", [0.0, 0.02, 1.0])
+def test_a_wall_is_placed_at_the_felt_force_or_at_the_energy_there_is(
+    k: float, level_J: float
+) -> None:
+    """10 mm deep in a wall of 5000 N/m 50 N are felt, and 0.25 J stored."""
+    adoption, wall = adopted(STIFF), Wall(surface=0.05, k=k)
+    adoption.tank.level_J = level_J
+    place = adoption.place_of(wall, 0.01)
+    force, stored_J = wall.elastic_force(place), wall.energy(place)
+    if 50.0**2 / (2 * k) <= 0.25 + level_J:
+        assert force == pytest.approx(50.0)
+    else:
+        assert force < 50.0
+        assert stored_J == pytest.approx(0.25 + level_J, rel=1e-3)
+    assert stored_J <= 0.25 + level_J + 1e-12
+
+
 def test_walls_that_come_faster_than_a_blend_takes_move_the_force_one_way() -> None:
     """A surface that rises by 0.6 mm each 40 ms; each news sent the blend back, and 2 N with it."""
     adoption = adopted(Wall(surface=0.0, k=3000.0))
