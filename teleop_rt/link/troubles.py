@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from teleop_rt.link.statistics import Statistics
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # status names these troubles beside the loop, where no compiler is loaded
+    from teleop_rt.link.statistics import Statistics
 
 TROUBLES: tuple[tuple[str, str], ...] = (
     ("", ""),
