@@ -76,6 +76,8 @@ def _wrong_tag(schema: type[Section], detail: ErrorDetails) -> str:
     known = [str(tag) for tag in tags if tag is not None]
     if detail["type"] == "union_tag_not_found":
         return f"names no {key}: add {key}, one of: {', '.join(known)}"
+    # Drivers of parts are known at run time only: pydantic lists them, our sections do not.
+    known = known or re.findall(r"'([^']+)'", detail["ctx"]["expected_tags"])
     given = detail["ctx"]["tag"]
     near = difflib.get_close_matches(given, known, n=1)
     return f"{key}: there is no {given!r}; " + (

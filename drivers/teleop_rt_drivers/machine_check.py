@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from teleop_rt.realtime.clock import RealClock
-from teleop_rt.realtime.lateness import Lateness, late_ns
+from teleop_rt.realtime.lateness import Lateness, late_ns, load_kernels
 from teleop_rt.realtime.scheduling import prepare_process, remember_process
 from teleop_rt_drivers.findings import Finding
 
@@ -50,6 +50,7 @@ def run_bare_loop(
     rig: RigConfig, seconds: float, between: Callable[[], None]
 ) -> tuple[list[float], Lateness]:
     """Run the loop's clock without any work; return wake latencies [us] and its lateness."""
+    load_kernels()  # in the first tick it would be a stall of 100 ms
     clock = RealClock(rig.period_ns, round(rig.realtime.spin_us * 1e3))
     late = Lateness(rig.realtime.late, rig.period_ns)
     latencies_us = []

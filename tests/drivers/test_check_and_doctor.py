@@ -12,7 +12,8 @@ from framed_bench import MS, RIGS, FramedBench, edited, load
 
 from teleop_rt.cli import main
 from teleop_rt.config_link import LinkConfig
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import link_check, registry
 from teleop_rt_drivers.bus_load import frame_bits
 from teleop_rt_drivers.canopen.survey import survey
@@ -224,6 +225,18 @@ def call(monkeypatch, capsys):
 
 
 TRIAL = Path(RIGS).parent / "trials" / "silicone_cube.yaml"
+
+
+@pytest.mark.parametrize(
+    ("given", "answer"),
+    [("odrve", "did you mean 'odrive'?"), ("steam_engine", "one of: canopen, canopen_device, ser")],
+)
+def test_an_unknown_driver_of_a_part_is_answered_with_those_there_are(given, answer, tmp_path):
+    rig = tmp_path / "rig.yaml"
+    text = (RIGS / "simulated_odrive.yaml").read_text()
+    rig.write_text(text.replace("      driver: odrive\n", f"      driver: {given}\n"))
+    with pytest.raises(ConfigError, match=rf"driver: there is no '{given}'; {re.escape(answer)}"):
+        load_rig(rig, registry.AXIS_SCHEMAS)
 
 
 def test_check_prints_one_json_object_and_fails_on_an_error(call):

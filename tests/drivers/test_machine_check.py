@@ -2,7 +2,10 @@
 
 import gc
 import os
+import subprocess
+import sys
 
+import numba
 import pytest
 from framed_bench import load
 
@@ -46,6 +49,33 @@ def test_a_refused_privilege_is_a_warning_with_what_grants_it():
 @pytest.mark.parametrize(("late_us", "severity"), [(50.0, "ok"), (900.0, "warning")])
 def test_a_loop_that_wakes_late_is_reported(late_us, severity):
     assert judged_wake_up([late_us] * 100).severity == severity
+
+
+FIRST_TICK = """
+from types import SimpleNamespace
+from teleop_rt.realtime.lateness import ON_HARDWARE, judge_lateness
+from teleop_rt_drivers import machine_check
+
+class Clock:
+    wake_latency_ns = 0
+    def __init__(self, *_): pass
+    def wait_next_tick(self):
+        print(len(judge_lateness.signatures))
+        return 0
+
+machine_check.RealClock = Clock
+rig = SimpleNamespace(
+    period_ns=1_000_000, rate_hz=1000, realtime=SimpleNamespace(spin_us=0, late=ON_HARDWARE)
+)
+machine_check.run_bare_loop(rig, 0.002, lambda: None)
+"""
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_what_judges_the_bare_loop_is_compiled_before_its_first_tick():
+    """It was loaded in it: a stall of 95 ms, and an error, on a machine without any."""
+    argv = [sys.executable, "-c", FIRST_TICK]
+    assert subprocess.run(argv, capture_output=True, text=True, check=True).stdout == "1\n1\n"
 
 
 def test_the_machine_is_asked_as_the_loop_asks_and_gets_everything_back():
