@@ -3,6 +3,7 @@ import json
 import os
 import re
 from contextlib import closing
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -289,8 +290,9 @@ def test_a_recording_is_refused_as_the_test_of_itself(call, tmp_path):
     recording, out = write_csv(tmp_path / "clean.csv", *press(noise=0.2)), tmp_path / "out"
     copy = tmp_path / "copy.csv"
     copy.write_bytes(recording.read_bytes())
-    for test in (recording, copy):
-        code, result, err = call("diagnose", recording, "--test", test, "--out", out)
+    commands = (["diagnose", recording], ["close-loop", "--recording", recording])
+    for command, test in product(commands, (recording, copy)):
+        code, result, err = call(*command, "--test", test, "--out", out)
         assert (code, result) == (2, "")
         assert "nothing is held out" in err
         assert not out.exists()

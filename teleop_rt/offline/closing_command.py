@@ -21,6 +21,7 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.commands import print_draft, print_effects
+from teleop_rt.offline.find import refuse_itself
 from teleop_rt.offline.steps import steps
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.write import report_missing_page
@@ -132,6 +133,7 @@ def _on_recordings(
 ) -> tuple[Path, dict[str, Any], Residuals]:
     recording, test = recording_of(recording), recording_of(test)
     with new_folder(asked.out, f"{recording.stem}-loop") as folder:
+        refuse_itself(recording, test)
         files = Files(recording, test, asked.table, asked.effects)
         return folder, *close_recordings(files, asked.base or "kelvin-voigt", folder)
 

@@ -10,6 +10,7 @@ from itertools import chain, count
 from pathlib import Path
 
 from teleop_rt.batch.sweep import ABOUT
+from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.parts import parts
 from teleop_rt.trial.folder import RECORDING, TRIAL
 
@@ -85,3 +86,13 @@ def digest_of(given: Path) -> str | None:
     except OSError:
         return None
     return digest.hexdigest()
+
+
+def refuse_itself(recording: Path, test: Path) -> None:
+    """Raise RecordingError where a recording is to be the test of itself or of its copy."""
+    digest = digest_of(recording)
+    if digest is not None and digest == digest_of(test):
+        raise RecordingError(
+            f"{recording}: --test is the recording itself or a copy of it, so nothing is held out:"
+            " give another one; `diagnose` without --test holds out parts of the recording"
+        )

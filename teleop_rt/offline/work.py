@@ -12,9 +12,9 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import refuse_other_units
-from teleop_rt.errors import ExpectedError, RecordingError
+from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.drafting import write_draft
-from teleop_rt.offline.find import digest_of
+from teleop_rt.offline.find import digest_of, refuse_itself
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay, write_trace
 from teleop_rt.offline.table import Table
@@ -116,11 +116,8 @@ class Diagnosing:
         """Return the diagnosis' answer, without what it took: the same data, the same answer."""
         path = recording_of(recording)
         enter(f"reading {recording.name}")
-        if self.test is not None and digest_of(self.test) == digest_of(path):
-            raise RecordingError(
-                f"{path}: --test is the recording itself or a copy of it, so nothing is held out:"
-                " give another one, or leave --test out to hold out parts of the recording"
-            )
+        if self.test is not None:
+            refuse_itself(path, recording_of(self.test))
         loaded = load_any(path, self.table)
         unseen = None
         if self.test is not None:
