@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.jit import bound, kernel
+from teleop_rt.kernel_record import record_type
 
 Vector = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -74,8 +75,7 @@ class Pairs:
     force: float
 
 
-_TYPES = {"int": np.int64, "float": np.float64}
-_PAIRS = np.dtype([(name, _TYPES[kind]) for name, kind in Pairs.__annotations__.items()])
+_PAIRS = record_type(Pairs)
 _NAMES = list(Pairs.__annotations__)
 _LAST, _GAP, _POSITION, _FORCE = map(_NAMES.index, ("last_ns", "gap", "position", "force"))
 NOTHING, PAIR, TO_AVERAGE = range(3)
@@ -219,7 +219,7 @@ class Pairing:
     def __init__(
         self, loop_period_ns: int, pair_period_ns: int, lag_s: float, settling_s: float = 0.0
     ) -> None:
-        stored: StoredPairs = np.zeros(1, np.dtype((np.record, _PAIRS)))
+        stored: StoredPairs = np.zeros(1, _PAIRS)
         self._pairs = pairs = cast("Pairs", stored[0])
         pairs.lag_ns, pairs.period_ns = round(1e9 * lag_s), pair_period_ns
         self._filter = None

@@ -33,7 +33,7 @@ _MODEL = np.dtype(
 
 
 def new_model() -> StoredModel:
-    """Return the body of a model (1,), all zeros: its bytes are those of `messages.encode`."""
+    """Return the body of a model (1,), all zeros: its bytes are those of `codec.encode`."""
     return np.zeros(1, np.dtype((np.record, _MODEL)))
 
 

@@ -24,6 +24,7 @@ from teleop_rt.estimation.walls import (
     N,
 )
 from teleop_rt.jit import kernel
+from teleop_rt.kernel_record import record_type
 from teleop_rt.link.codec import MODEL_CODES
 from teleop_rt.link.messages import MOST_EFFECTS
 from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR
@@ -60,8 +61,7 @@ class Sending:
     models_sent: int
 
 
-_TYPES = {"int": np.int64, "float": np.float64}
-_SENDING = np.dtype([(name, _TYPES[kind]) for name, kind in Sending.__annotations__.items()])
+_SENDING = record_type(Sending)
 StoredSending = NDArray[np.record]
 _NAMES = list(Sending.__annotations__)
 
@@ -73,7 +73,7 @@ def place(field: str) -> int:
 
 def new_sending(now_ns: int) -> StoredSending:
     """Return the record (1,) of a sender that has sent nothing until now."""
-    stored: StoredSending = np.zeros(1, np.dtype((np.record, _SENDING)))
+    stored: StoredSending = np.zeros(1, _SENDING)
     stored["sent_ns"] = stored["surface_moved_ns"] = now_ns
     return stored
 

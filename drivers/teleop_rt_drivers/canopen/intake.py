@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.jit import kernel
+from teleop_rt.kernel_record import record_type
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
 from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
 from teleop_rt_drivers.canopen.watch import hear, lost_life, new_lives
@@ -87,10 +88,7 @@ class Source:
     silent_cycles: int
 
 
-_TYPES = {"int": np.int64, "float": np.float64}
-SOURCE_TYPE = np.dtype(
-    (np.record, np.dtype([(name, _TYPES[kind]) for name, kind in Source.__annotations__.items()]))
-)
+SOURCE_TYPE = record_type(Source)
 Sources = NDArray[np.record]
 _NAMES = list(Source.__annotations__)
 

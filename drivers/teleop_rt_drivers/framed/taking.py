@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.jit import kernel
+from teleop_rt.kernel_record import record_type
 from teleop_rt_drivers.device_clock import take_count
 
 if TYPE_CHECKING:
@@ -40,15 +41,14 @@ class Value:
     known: int
 
 
-_TYPES = {"int": np.int64, "float": np.float64}
-_VALUE = np.dtype([(name, _TYPES[kind]) for name, kind in Value.__annotations__.items()])
+_VALUE = record_type(Value)
 _NAMES = list(Value.__annotations__)
 StoredValue = NDArray[np.record]
 
 
 def new_value() -> StoredValue:
     """Return a zeroed value (1,)."""
-    return np.zeros(1, np.dtype((np.record, _VALUE)))
+    return np.zeros(1, _VALUE)
 
 
 def place(field: str) -> int:
