@@ -239,7 +239,7 @@ def _side(
             _can_meet(trial, trial_file)
         with (
             new_folder(out, trial.name) as folder,
-            alone(trial, trial_file, overrides or [], folder) as around,
+            alone(name, trial, trial_file, overrides or [], folder) as around,
         ):
             write_trial(folder, trial)
             yield Side(trial, around.session, folder, emit, around)

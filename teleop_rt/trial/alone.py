@@ -36,6 +36,8 @@ _NO_REPORT: dict[str, Any] = {
 class Alone:
     """The helpers of a side that runs alone."""
 
+    side: str
+    trial_name: str
     trial_file: Path
     overrides: list[str]
     folder: Path
@@ -88,13 +90,20 @@ class Alone:
         recorded = self.recorder.events.get("done", _NO_REPORT)
         commands = kept(self.session, SERVER)
         notes = [*of_recorder(recorded), *of_helper("command server", commands)]
-        counted = {**outcome, "recorder": recorded, "commands": commands, "notes": notes}
+        counted = {
+            "side": self.side,
+            "trial": self.trial_name,
+            **outcome,
+            "recorder": recorded,
+            "commands": commands,
+            "notes": notes,
+        }
         write_json(self.folder / "summary.json", counted)
 
 
 @contextmanager
 def alone(
-    trial: TrialConfig, trial_file: Path, overrides: list[str], folder: Path
+    side: str, trial: TrialConfig, trial_file: Path, overrides: list[str], folder: Path
 ) -> Iterator[Alone]:
     """Give a side that was started alone its session, which a process of its own records."""
     with new_session() as session:
@@ -102,7 +111,8 @@ def alone(
         supervisor = Supervisor(folder / LOG, loop_cpu=trial.rig.realtime.cpu)
         try:
             recorder = start_recorder(supervisor, session, folder)
-            yield Alone(trial_file, overrides, folder, session, supervisor, recorder)
+            run = (trial_file, overrides, folder, session)
+            yield Alone(side, trial.name, *run, supervisor, recorder)
         finally:
             supervisor.close()
 

@@ -68,8 +68,13 @@ def compare_folders(
 
 def _open_run(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Run:
     """Return a run folder; a summary that is missing is rebuilt. Raises RecordingError."""
-    topics = read_recorded(folder)
     summary = read_summary(folder)
+    if summary is not None and "side" in summary:
+        raise RecordingError(
+            f"{folder}: the {summary['side']} ran alone here, and a report needs both sides: "
+            f"`teleop-rt live {folder}` shows this recording"
+        )
+    topics = read_recorded(folder)
     if summary is None:
         summary = plain_json(rebuild(folder, read_every_tick(folder)))
     return load_run(folder, summary, topics, felt_of)

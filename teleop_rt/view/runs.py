@@ -12,7 +12,7 @@ from rich.table import Table
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
-from teleop_rt.trial.grades import COLOURS, MARKS, Grade, grades, worst
+from teleop_rt.trial.grades import COLOURS, MARKS, Grade, grades, of_safety, worst
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.style import model_name, number
 
@@ -51,10 +51,23 @@ def _listed(folder: Path) -> Listed:
         summary = read_summary(folder)
         if summary is None:
             return Listed(str(folder), began_at(folder), None, "attention", "cut off: no summary")
+        if "side" in summary:
+            return _of_one_side(folder, summary)
         return _of_summary(folder, summary)
     except (RecordingError, KeyError, TypeError):
         ended = "summary of another version, or damaged"
         return Listed(str(folder), began_at(folder), None, "unknown", ended)
+
+
+def _of_one_side(folder: Path, summary: dict[str, Any]) -> Listed:
+    """Return the line of a side that was started alone; only a slave has a chain of safety."""
+    ended = f"{summary['side']} alone"
+    grade: Grade = "unknown"
+    if "safety" in summary:
+        fault = summary["safety"]["fault"]["name"]
+        ended = f"{ended}: {summary['safety']['state'] if fault == 'none' else fault}"
+        grade = of_safety(summary["safety"])
+    return Listed(str(folder), began_at(folder), summary["trial"], grade, ended)
 
 
 def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:

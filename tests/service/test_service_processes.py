@@ -67,6 +67,8 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     assert "slave: done" in out
     summary = json.loads((lab.folder / "slave" / "summary.json").read_text())
     assert summary["recorder"]["alarm"] == ""
+    listed = lab.call("runs", lab.folder / "slave", "--json")[1]
+    assert json.loads(listed)["ended"].startswith("slave alone: ")
     assert b"STOPPING=1" in lab.heard()
     assert lab.call("status")[0] == 2
     assert not list((lab.folder / "run").glob("*.s*"))

@@ -388,6 +388,32 @@ def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call
     assert call("runs", good / "nowhere")[0] == 2
 
 
+@pytest.mark.parametrize(
+    ("summary", "grade", "ended"),
+    [
+        ({"side": "sim"}, "unknown", "sim alone"),
+        ({"side": "master", "state": "IDLE"}, "unknown", "master alone"),
+        (
+            {"side": "slave", "safety": {"state": "HOLD", "fault": {"code": 0, "name": "none"}}},
+            "good",
+            "slave alone: HOLD",
+        ),
+        (
+            {"side": "slave", "safety": {"state": "FAULT", "fault": {"code": 7, "name": "late"}}},
+            "bad",
+            "slave alone: late",
+        ),
+    ],
+)
+def test_a_side_that_ran_alone_is_listed_and_has_no_report(call, tmp_path, summary, grade, ended):
+    (tmp_path / "summary.json").write_text(json.dumps({"trial": "cube"} | summary))
+    (row,) = (json.loads(line) for line in call("runs", tmp_path, "--json")[1].splitlines())
+    assert (row["trial"], row["grade"], row["ended"]) == ("cube", grade, ended)
+    code, _, error = call("report", tmp_path)
+    assert code == 2
+    assert f"{summary['side']} ran alone" in error
+
+
 def test_the_report_of_the_newest_listed_run_is_opened(good, stopped, call, tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr("teleop_rt.cli.showing.typer.launch", opened.append)
