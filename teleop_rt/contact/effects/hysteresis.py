@@ -144,6 +144,10 @@ _YIELD = Shape(
 )
 _SPREAD = Shape("spread", "1", 1.5, 60.0, 10.0, logarithmic=True, points=2)
 _SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2, ideal="upper")
+_AS_FRICTION = (
+    "A hysteretic force of {yield_force}, as of dry friction in contact alone, turns over"
+    " within {yield_travel}."
+)
 _memory = partial(
     Effect, family="hysteresis", belongs_to="environment", stage="material", compensation="render"
 )
@@ -155,7 +159,7 @@ EFFECTS = (
         amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
         shapes=(_YIELD, _SHARPNESS),
         step=_bouc_wen,
-        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+        sentence=_AS_FRICTION,
         state_size=1,
         derivative_order=1,
     ),
@@ -175,7 +179,7 @@ EFFECTS = (
         amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
         shapes=(_YIELD, _SPREAD),
         step=_slipping,
-        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+        sentence=_AS_FRICTION,
         state_size=_SLIDERS + 1,
     ),
     _memory(

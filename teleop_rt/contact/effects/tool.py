@@ -17,6 +17,13 @@ def _smoothed_sign(
 
 
 @kernel
+def _smoothed_sign_with_depth(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(tanh(v / eta[0]) * max(x, 0.0))
+
+
+@kernel
 def _presliding(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -172,6 +179,33 @@ EFFECTS = (
         state_size=1,
         derivative_order=1,
         only_in_contact=False,
+    ),
+    # With presliding, friction of a body alone is its hysteresis: one force, one name.
+    Effect(
+        name="coulomb_friction",
+        law="smoothed sign, in contact",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+        shapes=(_SMOOTHING,),
+        step=_smoothed_sign,
+        sentence="Dry friction of {friction_force} in contact, none in free air.",
+        compensation="subtract_force",
+        derivative_order=1,
+    ),
+    Effect(
+        name="coulomb_friction",
+        law="smoothed sign, growing with depth",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("friction_per_depth", "{f}/{x}", nonnegative=True),
+        shapes=(_SMOOTHING,),
+        step=_smoothed_sign_with_depth,
+        sentence="Dry friction of {friction_per_depth} in contact, growing with the depth.",
+        compensation="subtract_force",
+        derivative_order=1,
     ),
     Effect(
         name="coulomb_friction",

@@ -167,13 +167,14 @@ def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | Non
 def same_physics(one: Effect, other: Effect) -> bool:
     """Return whether two effects are the same one, contain each other, or are both friction.
 
-    Without contact, hysteresis in both directions is friction with a long presliding, and a pair of
-    the two would only adapt to the form of either.
+    Hysteresis is friction with a long presliding where both act at the same places: without
+    contact, or both in contact alone. A pair of the two would only adapt to the form of either.
     """
     names = {one.name, other.name}
     if len(names) == 1 or names in _CONTAINED_LAWS:
         return True
-    return WITHOUT_CONTACT in {one.law, other.law} and names <= _FRICTION_NAMES
+    at_same_places = one.only_in_contact == other.only_in_contact
+    return names <= _FRICTION_NAMES and (at_same_places or WITHOUT_CONTACT in {one.law, other.law})
 
 
 def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:

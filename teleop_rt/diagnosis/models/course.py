@@ -118,7 +118,8 @@ class Course:
         for effect, (_, eta) in zip(model.effects, self.parameters, strict=True):
             if effect.acts != "adds_force":
                 continue
-            values = _values(effect, motion, felt if effect.stage == "material" else own, eta)
+            at_body = effect.stage == "material" or effect.only_in_contact
+            values = _values(effect, motion, felt if at_body else own, eta)
             if model.past:
                 values += _traces(effect, motion, eta)
             if effect.only_in_contact:

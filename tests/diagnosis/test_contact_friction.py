@@ -1,0 +1,56 @@
+"""Dry friction between tool and body: it acts in contact and is zero in free air."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
+from teleop_rt.diagnosis.inference.pairs import same_physics
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+
+_DT = 1e-3
+_N_PER_M, _N_S_PER_M = 2000.0, 15.0
+
+
+def _pressed(friction: Callable[[Vector, Vector], Vector]) -> Diagnosis:
+    """Diagnose 8 s of a body with friction(depth, velocity), pressed at three frequencies."""
+    t = _DT * np.arange(8000)
+    x, v = 2e-3 * np.ones_like(t), np.zeros_like(t)
+    for size, rate, phase in ((3e-3, 0.37, 0.0), (1.5e-3, 1.9, 1.0), (5e-4, 6.1, 0.0)):
+        angle = 2.0 * np.pi * rate * t + phase
+        x += size * np.sin(angle)
+        v += size * 2.0 * np.pi * rate * np.cos(angle)
+    force = np.where(x > 0.0, _N_PER_M * x + _N_S_PER_M * v + friction(x, v), 0.0)
+    noise = 0.02 * np.random.default_rng(0).standard_normal(t.size)
+    return diagnose(from_arrays("body", t, 1e-6 * np.round(x / 1e-6), force + noise), surface=0.0)
+
+
+@pytest.mark.parametrize(
+    ("friction", "law", "parameter", "size"),
+    [
+        (lambda x, v: 1.5 * np.tanh(v / 1e-3), "in contact", "friction_force", 1.5),
+        (lambda x, v: 160.0 * x * np.tanh(v / 1e-3), "with depth", "friction_per_depth", 160.0),
+    ],
+    ids=["constant", "proportional to the depth"],
+)
+def test_friction_in_contact_alone_is_named_with_its_size(
+    friction: Callable[[Vector, Vector], Vector], law: str, parameter: str, size: float
+) -> None:
+    answer = _pressed(friction).answer
+    assert answer["verdict"] == "named"
+    (effect,) = answer["effects"]
+    assert effect["name"] == "coulomb_friction"
+    assert effect["law"].endswith(law)
+    assert effect["parameters"][parameter]["value"] == pytest.approx(size, rel=0.01)
+    assert answer["error"]["after"] < 1.1 * answer["error"]["noise_floor"]
+
+
+def test_friction_and_hysteresis_are_one_effect_where_both_act_in_contact_alone() -> None:
+    in_contact = find("coulomb_friction", "smoothed sign, in contact")
+    assert same_physics(in_contact, find("hysteresis", "plain"))
+    assert not same_physics(find("coulomb_friction", "smoothed sign"), find("hysteresis", "plain"))
