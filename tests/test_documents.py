@@ -22,6 +22,8 @@ PAGES = sorted(
 GROUPS = ("study", "calibrate", "schema")
 CODE = re.compile(r"^(?: {4}|\t)(\S.*)$|```[a-z]*\n(.*?)```|`([^`\n]+)`", re.MULTILINE | re.DOTALL)
 
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+
 
 def named(path):
     return path.relative_to(ROOT).as_posix()
@@ -72,6 +74,14 @@ def test_every_command_and_option_that_a_page_names_exists(page):
         for word in rest:
             if re.fullmatch(r"--[a-z][\w-]*(=.*)?", word):
                 assert word.partition("=")[0] in known, f"teleop-rt {' '.join(words)}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_link_leads_to_a_file_of_the_tree(page):
+    """Whoever reads the source, without the site that `scripts/docs` builds, follows them too."""
+    for target in LINK.findall(page.read_text()):
+        if not re.match(r"[a-z]+:|#", target):
+            assert (page.parent / target.partition("#")[0]).exists(), target
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)

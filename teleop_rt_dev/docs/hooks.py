@@ -28,9 +28,15 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the generated pages: nothing is written to the tree, so nothing can drift."""
+    """Add the generated pages: nothing is written to the tree, so nothing can drift.
+
+    A page replaces the one in the tree, which only refers those who read the source to it.
+    """
     for name, page in reference.pages().items():
-        files.append(File.generated(config, f"reference/{name}.md", content=page))
+        path = f"reference/{name}.md"
+        if (in_tree := files.get_file_from_path(path)) is not None:
+            files.remove(in_tree)
+        files.append(File.generated(config, path, content=page))
     for picture in _pictures():
         path = f"gallery/{picture.name}"
         files.append(File.generated(config, path, abs_src_path=str(picture)))

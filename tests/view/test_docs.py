@@ -175,6 +175,8 @@ def test_the_site_fetches_nothing_and_holds_what_the_code_and_the_readme_say(sit
     assert "<td>default trial, 20 seeds" in measured
     assert "README:" not in measured
     assert "<math" in (site / "theory" / "rendering.html").read_text()
+    for name in ("yaml", "faults", "effects"):  # the tree's own page only refers to this one
+        assert "makes this page" not in (site / "reference" / f"{name}.html").read_text()
 
 
 _NOT_REACHED = """
