@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings import recording as checked
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
+from teleop_rt.diagnosis.samples.surface import refuse_turned, refuse_wrong_units
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
@@ -79,6 +79,7 @@ def from_arrays(
     with _options_named("from_arrays"):
         found = checked.from_arrays("arrays", *rows, units=(units[0], units[1]), surface=surface)
         refuse_wrong_units(found, None)
+        refuse_turned(found)
         return found
 
 

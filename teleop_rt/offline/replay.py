@@ -12,7 +12,11 @@ import numpy as np
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import force_noise, quantisation_step
-from teleop_rt.diagnosis.samples.surface import refuse_turned, refuse_wrong_units
+from teleop_rt.diagnosis.samples.surface import (
+    doubtful_unit,
+    refuse_turned,
+    refuse_wrong_units,
+)
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
@@ -72,9 +76,17 @@ def replay(
         "samples": int(online.position.size),
         "estimators": rows,
         "selected": {key: rows[selected][key] for key in keys} if selected >= 0 else None,
-        "notes": [doubt] if doubt else [],
+        "notes": [note for note in (doubt, _doubtful_unit(rows, online)) if note],
     }
     return answer, trace
+
+
+def _doubtful_unit(rows: Sequence[dict[str, Any]], online: Online) -> str | None:
+    """Return a note where the stiffness of the best linear model asks for another unit."""
+    errors = [(row["nrmse"], row["parameters"]["k"]["value"]) for row in rows
+              if row["model"] == "kelvin-voigt" and row["nrmse"] is not None]  # fmt: skip
+    travel = float(np.ptp(online.position[online.valid]))
+    return doubtful_unit(online.units[0], travel, min(errors)[1]) if errors else None
 
 
 REJECTED = (

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import teleop_rt
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.samples.surface import doubtful_unit
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline import replay
 from teleop_rt.offline.load import load_any
@@ -83,3 +86,35 @@ def test_the_trace_of_a_long_recording_is_thinned_and_the_estimate_is_the_same(m
     assert np.array_equal(thinned.theta, trace.theta[3::4])
     assert row["parameters"] == whole["parameters"]
     assert abs(row["convergence_s"] - whole["convergence_s"]) <= 4 * PERIOD_S
+
+
+def test_replay_notes_a_travel_and_a_stiffness_that_only_another_unit_makes_plausible(tmp_path):
+    t, position, force = pressed()
+    for name, factor, read in (("m", 100.0, "in mm"), ("mm", 1.0, "in m"), ("m", 1.0, "")):
+        path = tmp_path / "table.csv"
+        table = np.column_stack([t, factor * position, force])
+        np.savetxt(path, table, delimiter=",", header=f"t_s,position_{name},force_N", comments="")
+        notes = replay.replay(path, RLS, Table({}, {}, None))[0]["notes"]
+        doubts = [note for note in notes if note.startswith("is the unit right?")]
+        assert len(doubts) == bool(read)
+        assert all(f"{read} it would be" in one for one in doubts)
+
+
+@pytest.mark.parametrize(
+    ("unit", "travel", "stiffness"), [("m", 0.9, 1500.0), ("m", 2e-5, 0.02), ("rad", 1.5, 3.0)]
+)
+def test_a_long_way_a_soft_probe_and_an_angle_are_no_doubtful_units(unit, travel, stiffness):
+    assert doubtful_unit(unit, travel, stiffness) is None
+
+
+def test_a_diagnosis_has_the_same_note():
+    t, position, force = pressed()
+    notes = diagnose(from_arrays("metres", t, 100.0 * position, force), surface=0.0).answer["notes"]
+    assert any("read in mm it would be 0.0017 m against 15000 N/m" in note for note in notes)
+
+
+def test_arrays_of_turned_force_are_refused_as_the_commands_refuse_a_file():
+    t, position, force = pressed()
+    for surface in (None, 0.0):
+        with pytest.raises(RecordingError, match=r"wrong sign\?.*from_arrays takes arrays"):
+            teleop_rt.from_arrays(t, position, -force, surface=surface)

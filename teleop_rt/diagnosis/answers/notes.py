@@ -11,6 +11,7 @@ from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
+from teleop_rt.diagnosis.samples.surface import doubtful_unit
 
 Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
 """The samples that an answer uses."""
@@ -61,6 +62,10 @@ def notes_of(
             "no surface is given, and the recording does not contradict 0: the surface was assumed"
             " at 0 of the axis; give another with --surface"
         )
+    stiffness = answer["base"]["parameters"].get("k", {"value": None})["value"]
+    if stiffness is not None and not base.has_power:
+        travel = float(np.ptp(recording.position))
+        found += filter(None, [doubtful_unit(recording.units[0], travel, stiffness)])
     if samples in _RESTS_ON:
         found.append(_RESTS_ON[samples])
     if moves_in_steps(recording.position, recording.force, recording.dt):

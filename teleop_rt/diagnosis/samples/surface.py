@@ -18,6 +18,10 @@ _MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
 _STIFFEST_STATED_N_PER_M = 1e9  # N/m; nor is anything in a testing machine, whose units are known
 _LONGEST_M = 2.0  # m; no rig here travels farther
+_FAR_M, _SOFT_N_PER_M = 0.3, 100.0
+"""A softer body moved farther: 0.3 mm and 100 kN/m, as of a rig, if its mm were taken for m."""
+_NEAR_M, _HARD_N_PER_M = 3e-5, 1e6
+"""A stiffer body moved less: 30 mm and 1 kN/m, as of a rig, if its m were taken for mm."""
 _PULL_RATIO = 0.2  # of the force's range; a larger pull in contact means a wrong sign
 _AIR_FORCE_RATIO = 5.0  # times the variation in contact; more in free air means a wrong sign
 _END_SHARE = 0.15  # of the samples, those nearest to either end of the travel
@@ -186,6 +190,24 @@ def refuse_untouched(recording: Recording, usable: Vector) -> None:
             f"{recording.name}: no contact: {left} samples beyond the surface have a force that is"
             " not that of free air, with their past known; check --surface, or record more presses"
         )
+
+
+def doubtful_unit(unit: str, travel: float, stiffness: float) -> str | None:
+    """Return a note where travel and stiffness [m, N/m] are those of a rig in another unit only."""
+    if unit != "m":
+        return None
+    if travel > _FAR_M and 0.0 < stiffness < _SOFT_N_PER_M:
+        other, factor = "mm", 1e-3
+    elif travel < _NEAR_M and stiffness > _HARD_N_PER_M:
+        other, factor = "m", 1e3
+    else:
+        return None
+    return (
+        f"is the unit right? the position moves by {travel:.2g} m against"
+        f" {float(f'{stiffness:.2g}'):g} N/m; read in {other} it would be {factor * travel:.2g} m"
+        f" against {float(f'{stiffness / factor:.2g}'):g} N/m: if that is the object, say so with"
+        f" --units position={other}"
+    )
 
 
 def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
