@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
@@ -11,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
 
 from teleop_rt.batch.bar import Bar, bar
 from teleop_rt.cli.options import LivePort
@@ -80,6 +78,7 @@ def runs(
 ) -> None:
     """List the runs of a folder, the newest first: date, trial, verdict, k, b and felt error."""
     with bar("reading the runs", counts=False):
+        from teleop_rt.view.console import output  # noqa: PLC0415 - as below
         from teleop_rt.view.runs import print_runs, runs_of  # noqa: PLC0415 - loads estimators
 
         found = [
@@ -91,7 +90,7 @@ def runs(
         for run in found:
             print(json.dumps(asdict(run)))
     elif found:
-        print_runs(Console(width=None if sys.stdout.isatty() else 1000), found)
+        print_runs(output(), found)
     else:
         chosen = "" if trial is None and grade is None else " of this trial or grade"
         print(f"no runs{chosen} in {folder}")

@@ -47,6 +47,7 @@ from teleop_rt.trial.processes import ProcessFailedError
 from teleop_rt.trial.run_processes import run_processes
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
+from teleop_rt.view.console import output
 from teleop_rt.view.terminal import RunView
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
@@ -59,8 +60,6 @@ _NO_CACHE = (
     "no folder can be written for what is compiled: it is compiled again in each run, which takes"
     " about a minute; name one with NUMBA_CACHE_DIR or XDG_CACHE_HOME"
 )
-_UNWRAPPED = 1000
-"""Characters: a file or a pipe is no terminal, to whose width a line would have to keep."""
 
 
 def run_and_print(
@@ -92,7 +91,7 @@ def _print(folder: Path, summary: dict[str, Any], trial: TrialConfig, *, as_json
     if as_json:
         print(json.dumps(plain_json(summary)), flush=True)
         return
-    console = Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
+    console = output()
     print_summary(console, summary, trial.rig.units)
     console.print(f"files in {folder}", highlight=False)
 

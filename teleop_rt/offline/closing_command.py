@@ -26,6 +26,7 @@ from teleop_rt.offline.steps import steps
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
+from teleop_rt.view.console import output
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.run_folder import FeltOf
 
@@ -89,7 +90,7 @@ def close_and_print(
     if as_json:
         print(json.dumps(plain_json(answer)))
     else:
-        _show(Console(), answer, folder)
+        _show(output(), answer, folder)
 
 
 def _write_page(

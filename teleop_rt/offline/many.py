@@ -22,6 +22,7 @@ from teleop_rt.diagnosis.phases import heard_by
 from teleop_rt.errors import BAD_INPUT, ExpectedError
 from teleop_rt.offline.find import digest_of, find, names_one, own_names
 from teleop_rt.outputs import refuse_filled
+from teleop_rt.view.console import output
 
 FAULT = 1
 INTERRUPTED = 130  # as of a shell
@@ -176,7 +177,7 @@ def _print(result: Result, show: Show, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(answer), flush=True)
     elif not result["code"]:
-        show(Console(), answer)
+        show(output(), answer)
 
 
 def _write_answers(path: Path, answers: Sequence[Mapping[str, Any]]) -> None:

@@ -26,6 +26,7 @@ from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt_dev.diagnosis.plants import make
 
 GROUPED = 12
+FRICTION = ("tanh(u / 0.01)", "tanh(u / 0.2)")
 
 
 def pressed(extra: str = "", base: str = "kelvin-voigt", seed: int = 1) -> Recording:
@@ -151,3 +152,10 @@ def test_a_draft_keeps_the_users_other_effects(tmp_path: Path) -> None:
     mine.write_text(text.replace(f'"{NAME}"', '"own_effect"'))
     both.write_text(text_of(law, "b.csv", ("m", "N"), mine))
     assert [effect.name for effect in load_file(both)] == ["own_effect", NAME]
+
+
+def test_a_law_of_two_terms_in_the_same_words_lists_these_words_once() -> None:
+    fast, slow = (t for t in candidates(base_of("viscous")) if t.expression in FRICTION)
+    problem, fit = posed(pressed("friction"), "spring,viscous,bias")
+    law = Law((fast, slow), (1.0, 0.5), Scaling.of(problem, fit), only_in_contact=False, shares={})
+    assert law.words == ["the direction"]

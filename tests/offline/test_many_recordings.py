@@ -277,3 +277,13 @@ def test_an_interrupt_reports_what_is_kept_and_the_same_command_goes_on(
     assert done(tmp_path / "out") == ["a"]
     assert call(*arguments)[0] == 2, "one is bad"
     assert done(tmp_path / "out") == ["a", "b", "c"]
+
+
+def test_a_line_of_a_diagnosis_or_a_closed_loop_keeps_to_no_width_in_a_pipe(call, tmp_path):
+    for name, seed in (("first", 1), ("other", 2)):
+        write_press(tmp_path / f"{name}.csv", 1500.0, seed, 2.0)
+    files = ("--recording", tmp_path / "first.csv", "--test", tmp_path / "other.csv")
+    out = tmp_path / ("a folder of a long name " * 4)
+    code, text, _ = call("close-loop", *files, "--out", out)
+    assert code == 0
+    assert text.splitlines()[-1] == f"files in {out}"

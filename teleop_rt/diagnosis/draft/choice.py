@@ -45,6 +45,11 @@ class Law:
     only_in_contact: bool
     shares: dict[Group, float]
 
+    @property
+    def words(self) -> list[str]:
+        """The terms in words, each once: two directions of different width read alike."""
+        return list(dict.fromkeys(term.words for term in self.terms))
+
 
 def dependence(problem: Problem, fit: Fit) -> dict[str, float] | None:
     """Return the shares of a law (see `Law`) for the answer, None without a law."""

@@ -71,7 +71,7 @@ def text_of(law: Law, recording: str, units: tuple[str, str], own: Path | None =
         recording=recording,
         shares=", ".join(f"{group} {100.0 * share:.0f} %" for group, share in ranked) or "nothing",
         count="one term" if len(law.terms) == 1 else f"{len(law.terms)} terms",
-        words="; ".join(dict.fromkeys(term.words for term in law.terms)),
+        words="; ".join(law.words),
         words_beyond=f"Beyond {BEYOND:g} times the range seen it stays as it is there.",
         imports=f"from math import {', '.join(used)}\n\n" if used else "",
         constants="\n".join(_constants(law, names, units)),

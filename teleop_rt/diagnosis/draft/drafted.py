@@ -97,7 +97,7 @@ class Drafted:
         error = self.errors_on_blocks() if test is None else self.errors_on(test, surface)
         return {
             "file": str(self.file),
-            "terms": [term.words for term in self.law.terms],
+            "terms": self.law.words,
             "effect": self.effect,
             "error": {key: error[key] for key in ("metric", "on", "before", "after")},
         }
