@@ -30,7 +30,7 @@ from teleop_rt.link.messages import (
     ModelMessage,
     MotionMessage,
     StateMessage,
-    Taken,
+    TakenOver,
 )
 from teleop_rt.link.noise import TAG_BYTES, Body
 from teleop_rt.link.packet_kernels import load_kernels
@@ -301,7 +301,7 @@ class Endpoint(Mailbox):
                 now_ns,
             )
         )
-        if isinstance(read, Taken):
+        if isinstance(read, TakenOver):
             self._give_way(read)
         else:
             self.store(kind, body, read)
@@ -324,7 +324,7 @@ class Endpoint(Mailbox):
     def _say_taken(self, retired: Session, now_ns: int) -> None:
         """Answer whoever goes on in the session that was taken over; it is not obeyed."""
         if self._notices.take(now_ns):
-            body = encode(Taken(self.peer))
+            body = encode(TakenOver(self.peer))
             self._send(retired, Kind.TAKEN, body, now_ns, self.transport.sender)
         raise MessageError("taken over")
 
@@ -332,7 +332,7 @@ class Endpoint(Mailbox):
         """Return epoch and sequence of the newest message of a kind; zeros before the first."""
         return intake.newest(self._words, kind)
 
-    def _give_way(self, message: Taken) -> None:
+    def _give_way(self, message: TakenOver) -> None:
         """End the session that another master has taken over, and do not take it back."""
         self.taken_by = message.peer
         self.sessions.end()

@@ -21,7 +21,7 @@ from teleop_rt.link.messages import (
     ModelMessage,
     MotionMessage,
     StateMessage,
-    Taken,
+    TakenOver,
 )
 
 MAGIC = b"TR"
@@ -81,7 +81,7 @@ def encode(message: Message) -> bytes:
             return _encode_state(message)
         case ModelMessage():
             return _encode_model(message)
-        case Taken():
+        case TakenOver():
             return _TAKEN.pack(message.peer.encode("ascii"))
 
 
@@ -236,9 +236,9 @@ def _decode_effect(body: bytes, index: int) -> ModelEffect:
     return ModelEffect(code, amplitude, (first, second, third))
 
 
-def _decode_taken(body: bytes) -> Taken:
+def _decode_taken(body: bytes) -> TakenOver:
     try:
-        return Taken(_TAKEN.unpack(body)[0].rstrip(b"\0").decode("ascii"))
+        return TakenOver(_TAKEN.unpack(body)[0].rstrip(b"\0").decode("ascii"))
     except UnicodeDecodeError:
         raise MessageError("name") from None
 
@@ -264,5 +264,5 @@ _KINDS: dict[type[Message], Kind] = {
     MotionMessage: Kind.MOTION,
     ModelMessage: Kind.MODEL,
     StateMessage: Kind.STATE,
-    Taken: Kind.TAKEN,
+    TakenOver: Kind.TAKEN,
 }

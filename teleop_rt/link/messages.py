@@ -130,10 +130,10 @@ class StateMessage(NamedTuple):
     inadequate: bool = False
 
 
-class Taken(NamedTuple):
+class TakenOver(NamedTuple):
     """Another master has taken the slave over; `peer` holds the name of whose key it used."""
 
     peer: str
 
 
-Message = MotionMessage | ModelMessage | StateMessage | Taken
+Message = MotionMessage | ModelMessage | StateMessage | TakenOver

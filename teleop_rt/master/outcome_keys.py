@@ -76,7 +76,7 @@ class DeviceFault(Keys):
     """The next step, as a sentence."""
 
 
-class Handle(Keys):
+class HandleActions(Keys):
     """Actions of leash, watch and safety chain of the operator's device."""
 
     fault: DeviceFault
@@ -117,7 +117,7 @@ class Rendering(Keys):
     """Limits of the passivity bound, and the energy observed."""
     adoption: Adoption
     """Force steps and energy at changes of the rendered model."""
-    handle: Handle
+    handle: HandleActions
     """Events of the operator's device."""
     mass: Mass | None
     """The environment's mass; null where no model was rendered."""

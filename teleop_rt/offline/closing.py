@@ -60,7 +60,7 @@ HOW = {
 
 
 @dataclass(frozen=True)
-class Found:
+class EffectsFound:
     """The effects found in the first run's recording, and perhaps in a second one.
 
     `fitted_on` is the folder of the run whose recording the fit is of.
@@ -73,7 +73,7 @@ class Found:
     experiment: dict[str, Any] | None = None
     draft: Drafted | None = None
 
-    def narrowed(self, sets: list[list[str]]) -> Found:
+    def narrowed(self, sets: list[list[str]]) -> EffectsFound:
         """Return what is left when only these sets of the class are possible."""
         recording = self.diagnosed.recording
         diagnosis = narrowed(self.diagnosed.diagnosis, recording, sets)
@@ -123,7 +123,7 @@ def _on_fresh_trial(
     base: str,
     run: RunTrial,
     out: Path,
-    found: Found,
+    found: EffectsFound,
     chosen: dict[str, Any],
     library: tuple[Effect, ...],
     draft: Drafted | None,
@@ -154,14 +154,14 @@ def _on_fresh_trial(
 
 def _diagnose(
     trial: TrialConfig, base: str, folder: Path, out: Path, library: tuple[Effect, ...]
-) -> Found:
+) -> EffectsFound:
     recording = load_any(folder / RECORDING, _OWN)
     found = diagnose(recording, base, effects=library, reach=_reach(trial, recording.surface))
     own = Path(trial.effects_file) if trial.effects_file else None
     draft = write_draft(found, recording, out, own=own)
     write_diagnosis(found, recording, folder / RECORDING, out)
     shift = _surface_shift(found.answer, recording.surface)
-    return Found(folder.name, Diagnosed(recording, found), found.answer, shift, draft=draft)
+    return EffectsFound(folder.name, Diagnosed(recording, found), found.answer, shift, draft=draft)
 
 
 def _surface_shift(answer: Mapping[str, Any], online: float | None) -> dict[str, Any] | None:
@@ -190,10 +190,10 @@ def _decide(
     trial: TrialConfig,
     base: str,
     run: RunTrial,
-    first: Found,
+    first: EffectsFound,
     library: tuple[Effect, ...],
     out: Path,
-) -> Found:
+) -> EffectsFound:
     """Run the proposed motion, and take what it leaves of the first recording's class."""
     proposed = first.answer["experiment"]
     if proposed is None or proposed["trial"] is None:

@@ -9,7 +9,7 @@ from typing import Any
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.leftovers import alive
 from teleop_rt.service.local_socket import connect
-from teleop_rt.service.place import Place, name_of, places
+from teleop_rt.service.place import DaemonFiles, name_of, places
 
 PATIENCE_S = 10.0
 """Time for which a running daemon is asked again: between two configs it takes no commands."""
@@ -63,7 +63,7 @@ def request_reload(rig: str | None, pid: int | None = None) -> dict[str, Any]:
     return answer
 
 
-def find(rig: str | None = None, pid: int | None = None) -> Place:
+def find(rig: str | None = None, pid: int | None = None) -> DaemonFiles:
     """Return the place of the daemon of a rig or process, or of the only one.
 
     Raises DaemonError.
@@ -89,7 +89,7 @@ def find(rig: str | None = None, pid: int | None = None) -> Place:
     return found[0]
 
 
-def ask(place: Place, command: str) -> dict[str, Any]:
+def ask(place: DaemonFiles, command: str) -> dict[str, Any]:
     """Return the daemon's answer to a command. Raises DaemonError where there is none."""
     if not place.takes_commands:
         raise DaemonError(_a_run(place))
@@ -115,14 +115,14 @@ def ask(place: Place, command: str) -> dict[str, Any]:
     return answer
 
 
-def _a_run(place: Place) -> str:
+def _a_run(place: DaemonFiles) -> str:
     return (
         f"process {place.process} runs a trial on the rig {place.name!r} and takes no commands: "
         f"`teleop-rt live` shows it, Ctrl-C there or `kill {place.process}` ends it in good order"
     )
 
 
-def _deaf(place: Place) -> str:
+def _deaf(place: DaemonFiles) -> str:
     process = place.process
     return (
         f"process {process} runs the rig {place.name!r} but takes no commands: it is just starting "

@@ -43,7 +43,7 @@ class PlaceError(ExpectedError):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class DaemonFiles:
     """The files of one rig's daemon."""
 
     folder: Path
@@ -109,7 +109,7 @@ def _anothers(folder: Path) -> bool:
     return not ours or bool(found.st_mode & stat.S_IWOTH)
 
 
-def places(environment: Mapping[str, str] = os.environ) -> list[Place]:
+def places(environment: Mapping[str, str] = os.environ) -> list[DaemonFiles]:
     """Return the places of all daemons that can be found from here, running or left behind.
 
     In a folder that a stranger made, daemons could be listed that do not exist.
@@ -120,7 +120,7 @@ def places(environment: Mapping[str, str] = os.environ) -> list[Place]:
         own = _own_folder(environment)
         folders = [_SERVICE] if _anothers(own) else [_SERVICE, own]
     return [
-        Place(folder, link.name.removesuffix(".session"))
+        DaemonFiles(folder, link.name.removesuffix(".session"))
         for folder in folders
         for link in sorted(folder.glob("*.session"))
     ]
@@ -141,7 +141,7 @@ class Claim:
 
     def __init__(self) -> None:
         self._locks: dict[Path, int] = {}
-        self._place: Place | None = None
+        self._place: DaemonFiles | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -149,7 +149,7 @@ class Claim:
     def __exit__(self, *error: object) -> None:
         self.release()
 
-    def take(self, rig_name: str, reached_by: Sequence[str], session: Path) -> Place:
+    def take(self, rig_name: str, reached_by: Sequence[str], session: Path) -> DaemonFiles:
         """Hold this rig instead of what is held so far, and say that its rings are in `session`.
 
         Raises BusyError while another process holds one of its buses and ports, PlaceError where
@@ -190,10 +190,10 @@ class Claim:
             self._place.socket.unlink(missing_ok=True)
         self._place = None
 
-    def _named(self, folder: Path, name: str, taken: dict[Path, int]) -> Place:
+    def _named(self, folder: Path, name: str, taken: dict[Path, int]) -> DaemonFiles:
         """Hold and return the first free place of this name: rigs may share a name."""
         for number in itertools.count(1):
-            place = Place(folder, name if number == 1 else f"{name}-{number}")
+            place = DaemonFiles(folder, name if number == 1 else f"{name}-{number}")
             with contextlib.suppress(BusyError):
                 self._lock(folder / f"{place.name}.lock", taken)
                 break
@@ -205,7 +205,7 @@ class Claim:
 
 
 @contextmanager
-def claimed(rig_name: str, reached_by: Sequence[str], session: Path) -> Iterator[Place]:
+def claimed(rig_name: str, reached_by: Sequence[str], session: Path) -> Iterator[DaemonFiles]:
     """Hold a rig for this process, with one config. Raises as `Claim.take`."""
     with Claim() as claim:
         yield claim.take(rig_name, reached_by, session)
@@ -285,7 +285,7 @@ def _made(path: Path, flags: int) -> int:
     return os.open(path, flags)
 
 
-def _point(place: Place, session: Path) -> None:
+def _point(place: DaemonFiles, session: Path) -> None:
     """Say where the rings are, without a moment between; remove those that a crash left."""
     left = place.session.readlink() if place.session.is_symlink() else None
     fresh = place.session.with_suffix(".next")

@@ -58,7 +58,7 @@ def force(model: str, truth: Mapping[str, float | Signal], motion: PenetrationMo
 
 
 @dataclass(frozen=True, slots=True)
-class Sensors:
+class SensorErrors:
     """Errors of the sensors: force noise [N], encoder step [m], lag of the force [s]."""
 
     force_noise: float = 0.0

@@ -26,7 +26,14 @@ from teleop_rt.estimation.report import report_with_delays
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.signals import SLAVE_TOPIC
-from teleop_rt.study.chapter4_plant import TRUTH, PenetrationMotion, Sensors, Signal, Sine, force
+from teleop_rt.study.chapter4_plant import (
+    TRUTH,
+    PenetrationMotion,
+    SensorErrors,
+    Signal,
+    Sine,
+    force,
+)
 from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.estimators import pipeline_settings
 from teleop_rt.trial.folder import RECORDING, write_trial
@@ -72,7 +79,7 @@ class Specimen:
             rows = read_topics(self.folder / RECORDING, [SLAVE_TOPIC])[SLAVE_TOPIC]
             position, measured, valid = rows["position"], rows["force"], rows["valid"] > 0
         else:
-            sensors = Sensors(settings.force_noise, settings.position_resolution)
+            sensors = SensorErrors(settings.force_noise, settings.position_resolution)
             profile = Sine(duration_s=case["duration_s"])
             position, measured = sensors.record(profile, "hunt-crossley", CURVED, case["seed"])
             valid = np.ones(position.size, dtype=np.bool_)

@@ -68,7 +68,7 @@ class MoveAndWait:
         return position + fade * tones
 
 
-class Playback:
+class ReplayedIntention:
     """The intention of a run, tick by tick, once more."""
 
     def __init__(self, positions: Sequence[float]) -> None:

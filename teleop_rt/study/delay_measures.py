@@ -12,7 +12,7 @@ from scipy.signal import coherence, csd, welch
 from teleop_rt.contact.law import linear_force, touches
 from teleop_rt.master.hand import Hand
 from teleop_rt.metrics import lag_s
-from teleop_rt.study.delay_hand import Playback
+from teleop_rt.study.delay_hand import ReplayedIntention
 from teleop_rt.study.delay_plant import MATERIALS, PERIOD_S, SURFACE_M, Array, Material
 from teleop_rt.study.delay_world import FORCE_MAX_N, LAW, SETTLING_S, Traces, hand_config
 
@@ -138,7 +138,7 @@ def against_true_wall(traces: Traces) -> Array:
         hand_config(),
         PERIOD_S,
         np.random.default_rng([traces.cell.seed, 3]),
-        Playback(traces.intention),
+        ReplayedIntention(traces.intention),
     )
     lead = traces.signals["position"].size - len(traces.intention)
     step = len(traces.intention) if traces.step_tick is None else traces.step_tick - lead

@@ -15,7 +15,7 @@ from teleop_rt.estimation.bank import Bank
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, Sensors, Sine, force
+from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, SensorErrors, Sine, force
 
 _FINEST_M, _QUIETEST_N = 1e-7, 1e-4
 
@@ -53,7 +53,7 @@ def settings_for(noise: float, resolution: float) -> PipelineSettings:
 def evaluate(case: dict[str, Any]) -> dict[str, Any]:
     """Return relative errors of the parameters, status and NRMSE of every row of the model."""
     model, truth = case["model"], TRUTH[case["model"]]
-    sensors = Sensors(case["noise_N"], case["resolution_m"], 1e-3 * case["lag_ms"])
+    sensors = SensorErrors(case["noise_N"], case["resolution_m"], 1e-3 * case["lag_ms"])
     profile = Sine(duration_s=case["duration_s"])
     position, measured = sensors.record(profile, model, truth, case["seed"])
     pipeline = Pipeline(rows_for([model]), settings_for(case["noise_N"], case["resolution_m"]))

@@ -15,7 +15,7 @@ from teleop_rt.view.style import method_name, model_name, number
 Row = dict[str, Any]
 
 
-class Found(NamedTuple):
+class StudyPage(NamedTuple):
     """The page of a study: title, answer in one sentence, rows of its table, caption of both."""
 
     title: str
@@ -69,7 +69,7 @@ def write_study(folder: Path, study: str, results: Sequence[Result]) -> dict[str
     return {"cases": len(results), "summary": summary}
 
 
-def _noise(rows: Sequence[Row]) -> Found:
+def _noise(rows: Sequence[Row]) -> StudyPage:
     keys = ("model", "regression", "solver", "noise_N", "resolution_m", "lag_ms")
     summary = grouped(rows, keys, "error_b", size=True)
     for row, other in zip(summary, grouped(rows, keys, "error_k", size=True), strict=True):
@@ -80,7 +80,7 @@ def _noise(rows: Sequence[Row]) -> Found:
         + ", ".join(f"{_middle(summary, model, lag)} at {number(lag)} ms" for lag in lags)
         for model in dict.fromkeys(row["model"] for row in summary)
     ]
-    return Found(
+    return StudyPage(
         "Estimators under noise",
         f"Median relative error of b by the lag of the force: {'; '.join(errors)}.",
         summary,
@@ -96,7 +96,7 @@ def _middle(summary: Sequence[Row], model: str, lag_ms: float) -> str:
     return f"{median(known):.2g}" if known else "–"
 
 
-def _time_varying(rows: Sequence[Row]) -> Found:
+def _time_varying(rows: Sequence[Row]) -> StudyPage:
     keys = ("regression", "solver", "forgetting_factor", "ramp_s", "frequency_hz")
     summary = grouped(rows, keys, "delay_s", size=False)
     for row, other in zip(summary, grouped(rows, keys, "error_after", size=True), strict=True):
@@ -107,7 +107,7 @@ def _time_varying(rows: Sequence[Row]) -> Found:
         best = min(followed, key=lambda row: (row["delay_s"], abs(row["error_after"] or 0.0)))
         method = method_name(best["regression"], best["solver"])
         headline += f", soonest by {method}: after {number(best['delay_s'])} s"
-    return Found(
+    return StudyPage(
         "Parameters that vary",
         f"{headline}.",
         summary,
@@ -116,12 +116,12 @@ def _time_varying(rows: Sequence[Row]) -> Found:
     )
 
 
-def _excitation(rows: Sequence[Row]) -> Found:
+def _excitation(rows: Sequence[Row]) -> StudyPage:
     shares = []
     for model in dict.fromkeys(row["model"] for row in rows):
         own = [row["excited"] for row in rows if row["model"] == model]
         shares.append(f"{model_name(model)} by {sum(own)} of {len(own)} motions")
-    return Found(
+    return StudyPage(
         "What one sinusoid excites",
         f"Excited: {', '.join(shares)}.",
         list(rows),
@@ -129,7 +129,7 @@ def _excitation(rows: Sequence[Row]) -> Found:
     )
 
 
-SUMMARIES: Mapping[str, Callable[[Sequence[Row]], Found]] = {
+SUMMARIES: Mapping[str, Callable[[Sequence[Row]], StudyPage]] = {
     "noise": _noise,
     "time-varying": _time_varying,
     "excitation": _excitation,

@@ -6,7 +6,9 @@ from typing import Literal, NotRequired
 
 from teleop_rt.estimation.report_keys import EstimatorRow, SelectedEstimator
 from teleop_rt.json_schema import Keys
-from teleop_rt.master.outcome_keys import Rendering
+from teleop_rt.trial.felt_keys import FeltForce
+from teleop_rt.trial.loop_keys import LoopLateness, Quantiles
+from teleop_rt.trial.safety_keys import Safety
 
 
 class Software(Keys):
@@ -20,63 +22,6 @@ class Software(Keys):
     """Version of Python."""
     platform: str
     """Operating system, kernel and processor."""
-
-
-class LateBounds(Keys):
-    """Bounds of lateness."""
-
-    hold_ms: float
-    """Stall from which the axis holds [ms]."""
-    stop_ms: float
-    """Stall from which the axis stops [ms]."""
-    stop_share: float
-    """Share of a second's ticks that may be late before the axis stops [1]."""
-
-
-class LateStop(Keys):
-    """The stop that lateness asked for."""
-
-    after_s: float
-    """Time under power until then [s]."""
-    bound: Literal["stop_ms", "stop_share"]
-    """The bound that was passed."""
-    stall_ms: float
-    """The stall of that tick [ms]."""
-
-
-class LateByBounds(Keys):
-    """Lateness of a loop under power, judged by one set of bounds."""
-
-    bounds: LateBounds
-    """The bounds that judged it."""
-    longest_stall_ms: float
-    """Longest stall [ms]."""
-    late_ticks: int
-    """Number of deadlines without a tick."""
-    holds: int
-    """Number of stalls above hold_ms."""
-    stop: LateStop | None
-    """The stop that was asked for; null if there was none."""
-
-
-class Lateness(LateByBounds):
-    """Lateness of a loop under power."""
-
-    on_hardware: LateByBounds
-    """The same judged by the default bounds of hardware."""
-
-
-class Quantiles(Keys):
-    """Quantiles of a time over all ticks."""
-
-    p50: float
-    """Median [us]."""
-    p99: float
-    """99 % quantile [us]."""
-    p999: float
-    """99.9 % quantile [us]."""
-    max: float
-    """Maximum [us]."""
 
 
 class WorstSurface(Keys):
@@ -93,7 +38,7 @@ class WorstSurface(Keys):
     """Deepest press into the true surface, in the contact's unit; null without one."""
 
 
-class Contact(Keys):
+class ContactFound(Keys):
     """The surface that was found, and the number of contacts."""
 
     surface_found: float | None
@@ -155,124 +100,7 @@ class Link(LinkEnd):
     """Packets that both ends rejected; null where it is not known."""
 
 
-class TruePort(Keys):
-    """True felt force of a simulated hand, against the environment's in converged contact."""
-
-    motor_nrmse: float | None
-    """Error of the motor's force as a share of the range [1]; null where it is not defined."""
-    motor_lag_ms: float | None
-    """Lag of the motor's force [ms]; null where the motion repeats itself."""
-    hand_nrmse: float | None
-    """Error of the hand's force as a share of the range [1]; null where it is not defined."""
-    hand_lag_ms: float | None
-    """Lag of the hand's force [ms]; null where the motion repeats itself."""
-
-
-class WorstFelt(Keys):
-    """The worst of the rendered force since the first touch, before convergence and after."""
-
-    phantom_force: float | None
-    """Largest force where the true environment answers the same motion with none [N or Nm]."""
-    phantom_s: float | None
-    """Time of it, from the master's first tick [s]."""
-    force_error: float | None
-    """Largest error of the force [N or Nm]."""
-    force_error_s: float | None
-    """Time of it, from the master's first tick [s]."""
-    force_range: float | None
-    """Range of the true force, by which both are graded [N or Nm]."""
-
-
-class Master(Keys):
-    """The rendered force of the master, against the true environment in converged contact."""
-
-    nrmse: float | None
-    """Error of the rendered force as a share of the range [1]; null without a reference."""
-    lag_ms: float | None
-    """Lag of the rendered force [ms]; null without a reference, or where the motion repeats."""
-    direct_reflection_lag_ms: float | None
-    """Lag that the slave's force reflected directly would have had [ms]; null like lag_ms."""
-    worst: WorstFelt | None
-    """The worst since the first touch; null without a reference or a touch."""
-    largest_force_step: float | None
-    """Largest step of the rendered force between ticks [N or Nm]; null where none was recorded."""
-    reason: NotRequired[str]
-    """Why a figure is null; absent where none is."""
-    rendering: Rendering | None
-    """The master's own report; null if its process ended before it could report."""
-    late: Lateness | None
-    """Lateness of the master's loop; null where it is not known."""
-    true_port: TruePort | None
-    """The true felt force of a simulated hand; null without one, or without converged contact."""
-
-
-class Fault(Keys):
-    """The fault in which a run ended."""
-
-    code: int | None
-    """Number of the fault, 0 for none; null if the process ended before it could report it."""
-    name: str
-    """Name of the fault, `none` without one."""
-    cause: str
-    """Its cause, as a sentence."""
-    next_step: str
-    """The next step, as a sentence."""
-    said: NotRequired[str | None]
-    """The device's own report of it; null if there was none, absent if it is not known."""
-
-
-class Tare(Keys):
-    """Offset of the force sensor, found at rest; null where the tare was not finished."""
-
-    offset: float | None
-    """Offset [N or Nm]; null where the tare was not finished."""
-    noise: float | None
-    """Standard deviation of the noise [N or Nm]; null where the tare was not finished."""
-    drift: float | None
-    """Slope over the tare [N/s or Nm/s]; null where the tare was not finished."""
-
-
-class Reference(Keys):
-    """The rig's zeros, as found before the run."""
-
-    tare: Tare | None
-    """Zero of the force; null where the rig asks for no tare."""
-    shift: float | None
-    """Shift of the position by homing [m or rad]; null where the rig asks for no homing."""
-
-
-class Safety(Keys):
-    """The end of the slave's safety chain; values that its process could not report are absent."""
-
-    state: Literal[
-        "BOOT",
-        "SELFTEST",
-        "DISARMED",
-        "ARMED",
-        "RUN",
-        "HOLD",
-        "SAFE_STOP",
-        "FAULT",
-        "UNKNOWN",
-    ]
-    """State of the chain at the end; UNKNOWN where the process died."""
-    fault: Fault
-    """The fault in which the run ended."""
-    unsafe: NotRequired[list[str]]
-    """Protections that the rig lacks, as sentences."""
-    commands_limited: NotRequired[int]
-    """Number of limited commands."""
-    samples_rejected: NotRequired[int]
-    """Number of rejected samples."""
-    followings: NotRequired[int]
-    """Number of times that the slave began to follow the master."""
-    holds: NotRequired[int]
-    """Number of times that the slave held its position."""
-    reference: NotRequired[Reference]
-    """The rig's zeros."""
-
-
-class Recorder(Keys):
+class RecorderLosses(Keys):
     """Losses of the recorder."""
 
     dropped: dict[str, int] | None
@@ -328,13 +156,13 @@ class Summary(Keys):
     """Number of recorded ticks of the slave."""
     missed_ticks: int | None
     """Ticks that the slave missed; null if its process ended before it could report them."""
-    late: Lateness | None
+    late: LoopLateness | None
     """Lateness of the slave's loop; null where it is not known."""
     wake_latency_us: Quantiles | None
     """Wake-up latency of the slave's loop [us]; null on simulated time."""
     work_us: Quantiles | None
     """Work time of a tick of the slave [us]; null on simulated time."""
-    contact: Contact
+    contact: ContactFound
     """The surface, and the contacts with it."""
     estimators: list[EstimatorRow]
     """Results of each estimator of the bank."""
@@ -344,11 +172,11 @@ class Summary(Keys):
     """Whether the selected model suffices."""
     link: Link
     """Counts of the link."""
-    master: Master
+    master: FeltForce
     """The rendered force of the master."""
     safety: Safety
     """The end of the slave's safety chain."""
-    recorder: Recorder
+    recorder: RecorderLosses
     """Rows that the recorder lost, and why."""
     privileges: list[str]
     """Privileges of the slave's process, granted or refused; empty on simulated time."""

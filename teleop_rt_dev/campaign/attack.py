@@ -40,7 +40,7 @@ AFTERWARDS = (
 )
 
 
-class Attacked:
+class AttackedTrial:
     """A trial whose link an attacker holds."""
 
     def __init__(self, folder: Path, seed: int) -> None:
@@ -80,7 +80,7 @@ class Attacked:
         return rows
 
 
-def asked_by_a_stranger(world: Attacked, seconds: float) -> dict[str, Any]:
+def asked_by_a_stranger(world: AttackedTrial, seconds: float) -> dict[str, Any]:
     """Return a row: it holds where the master leads on and no port gets more than it sent."""
     first, passed = world.row(), world.wire.to_slave.passed
     rows = world.go_on(seconds, asks=PER_PUMP)
@@ -100,7 +100,7 @@ def asked_by_a_stranger(world: Attacked, seconds: float) -> dict[str, Any]:
 
 def attacked(folder: Path, seconds: float, seed: int) -> list[dict[str, Any]]:
     """Play the four attacks; return a row of each."""
-    world = Attacked(folder, seed)
+    world = AttackedTrial(folder, seed)
     try:
         while world.row().get("state") != State.RUN:
             world.go_on(0.1)

@@ -155,7 +155,7 @@ def on_can(drive: str, count: int, seed: int) -> Count:
     return found
 
 
-class Replayed:
+class ReplayedStream:
     """A stream that returns the data given to it."""
 
     def __init__(self) -> None:
@@ -201,7 +201,7 @@ def on_line(drive: str, count: int, seed: int) -> Count:
     victim, found = Victim(drive), Count(drive)
     rng = random.Random(f"{drive} {seed}")
     answers, signal, wire = victim.answers, victim.signal, victim.wire
-    wire._stream = stream = Replayed()
+    wire._stream = stream = ReplayedStream()
     whole = set(answers)
     heard: list[bytes] = []
     codec = victim.port._codec

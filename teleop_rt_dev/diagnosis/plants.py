@@ -74,7 +74,7 @@ def _material(name: str, x: Array, v: Array) -> Array:
     return np.where(x > 0.0, force, 0.0)
 
 
-class Plant:
+class SyntheticPlant:
     """One tool, one material, one movement; `apply` adds effects, `record` measures."""
 
     def __init__(
@@ -147,7 +147,7 @@ class Plant:
         )
 
 
-def _kinematics(p: Plant, effect: str, size: float) -> bool:
+def _kinematics(p: SyntheticPlant, effect: str, size: float) -> bool:
     travel = size * float(np.std(np.maximum(p.x, 0.0)))
     sign = p.rng.choice([-1.0, 1.0])
     if effect == "contact_offset":
@@ -174,7 +174,7 @@ def _kinematics(p: Plant, effect: str, size: float) -> bool:
     return True
 
 
-def _material_effects(p: Plant, effect: str, size: float) -> bool:
+def _material_effects(p: SyntheticPlant, effect: str, size: float) -> bool:
     depth, goal = np.maximum(p.tip, 0.0), size * p.level
     contact = p.tip > 0.0
     if effect == "stress_relaxation":
@@ -211,7 +211,7 @@ def _material_effects(p: Plant, effect: str, size: float) -> bool:
     return True
 
 
-def _tool(p: Plant, effect: str, size: float) -> bool:
+def _tool(p: SyntheticPlant, effect: str, size: float) -> bool:
     goal = size * p.level
     peak = float(np.quantile(np.abs(p.v), 0.99))
     if effect == "coulomb_friction":
@@ -240,7 +240,7 @@ def _tool(p: Plant, effect: str, size: float) -> bool:
     return True
 
 
-def _sensor(p: Plant, effect: str, size: float) -> bool:
+def _sensor(p: SyntheticPlant, effect: str, size: float) -> bool:
     goal, sign = size * p.level, p.rng.choice([-1.0, 1.0])
     if effect == "force_bias":
         p.sensor = p.sensor + sign * goal
@@ -263,7 +263,7 @@ def _sensor(p: Plant, effect: str, size: float) -> bool:
     return True
 
 
-def _strangers(p: Plant, effect: str, size: float) -> bool:
+def _strangers(p: SyntheticPlant, effect: str, size: float) -> bool:
     """Effects that the vocabulary does not have."""
     depth, contact = np.maximum(p.tip, 0.0), p.tip > 0.0
     if effect == "pulsating_stiffness":
@@ -305,7 +305,7 @@ def make(
 ) -> Record:
     """Return the recording of one seed; along `path` (at 10 kHz) instead of its motion if given."""
     rng = np.random.default_rng(seed)
-    plant = Plant(rng, material, motion, seconds, path)
+    plant = SyntheticPlant(rng, material, motion, seconds, path)
     for effect in effects:
         plant.apply(effect, size)
     record = plant.record(effects, noise, kind)

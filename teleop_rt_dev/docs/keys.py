@@ -58,22 +58,22 @@ def nav() -> list[dict[str, list[str]]]:
     ]
 
 
-def _sections(name: str) -> dict[str, list[docs_schema.Section]]:
+def _sections(name: str) -> dict[str, list[docs_schema.KeySection]]:
     """Return the sections of a file by the key of the file that they belong to."""
-    found: dict[str, list[docs_schema.Section]] = {}
+    found: dict[str, list[docs_schema.KeySection]] = {}
     for one in docs_schema.sections(schema_named(SchemaName(name)), _SPLIT[name]):
         found.setdefault(one.root, []).append(one)
     return found
 
 
-def _page(name: str, root: str, sections: list[docs_schema.Section]) -> str:
+def _page(name: str, root: str, sections: list[docs_schema.KeySection]) -> str:
     """Return the page of one key: an example, then the keys of each section below it."""
     title = f"`{root}` of a {name}" if root else f"A {name}'s own keys"
     parts = [f"# {title}\n", *_example(name, root)]
     return "\n".join([*parts, *(_section(one) for one in sections)])
 
 
-def _section(one: docs_schema.Section, level: str = "##") -> str:
+def _section(one: docs_schema.KeySection, level: str = "##") -> str:
     return f"{level} {one.heading}\n\n{one.meaning}\n\n{table(docs_schema.HEADER, one.rows)}"
 
 

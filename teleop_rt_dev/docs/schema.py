@@ -29,7 +29,7 @@ _DEFS = "#/$defs/"
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class KeySection:
     """One section of a file: the file's own key above it (empty for the file), and its keys."""
 
     root: str
@@ -38,7 +38,7 @@ class Section:
     rows: list[Row]
 
 
-def sections(schema: Schema, without: frozenset[str] = frozenset()) -> Iterator[Section]:
+def sections(schema: Schema, without: frozenset[str] = frozenset()) -> Iterator[KeySection]:
     """Yield each section once, the file's own first; `without` are keys of the file to leave out.
 
     Of a schema in both units the linear form is shown.
@@ -59,7 +59,7 @@ def sections(schema: Schema, without: frozenset[str] = frozenset()) -> Iterator[
                 for key, value in section["properties"].items()
             ]
             heading = f"{path} ({title})" if path else title
-            yield Section(root, heading, section.get("description", ""), rows)
+            yield KeySection(root, heading, section.get("description", ""), rows)
             waiting += [
                 (root or key, f"`{key}`", value)
                 for key, value in section["properties"].items()

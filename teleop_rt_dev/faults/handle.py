@@ -18,7 +18,7 @@ MS = 1_000_000
 START_NS = 10**12
 
 
-class Handle:
+class HandleBench:
     """The device alone, with the hand that holds it and a clock."""
 
     def __init__(self, trial: Path = CANOPEN, changes: Sequence[str] = ()) -> None:

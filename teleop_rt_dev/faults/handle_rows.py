@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, Handle
+from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, HandleBench
 
 PUSH_N, WITHIN_MS, GONE_N = 10.0, 20, 0.05
 """Force before the hazard, its longest duration after it, and the largest that counts as none."""
@@ -20,7 +20,7 @@ class HandleRow:
 
     name: str
     trial: Path
-    inject: Callable[[Handle], None]
+    inject: Callable[[HandleBench], None]
     names: frozenset[str]
     heal: str | None = None
     push_N: float = PUSH_N
@@ -28,28 +28,28 @@ class HandleRow:
     changes: tuple[str, ...] = ()
 
 
-def mute(device: str) -> Callable[[Handle], None]:
+def mute(device: str) -> Callable[[HandleBench], None]:
     return lambda handle: handle.network.inject("mute", device)
 
 
-def reset_drive(handle: Handle) -> None:
+def reset_drive(handle: HandleBench) -> None:
     handle.network.inject("reset", "drive")
 
 
-def weak_motor(handle: Handle) -> None:
+def weak_motor(handle: HandleBench) -> None:
     """The motor gives nothing of what is asked, and its drive says so."""
     handle.plant.push = lambda _: None
     handle.plant._pending.clear()
     handle.plant._command = 0.0
 
 
-def fling(handle: Handle) -> None:
+def fling(handle: HandleBench) -> None:
     """Nobody holds it any more, and it flies off."""
     handle.plant._let_go_s = 0.0
     handle.plant._handle[1] = 3.5
 
 
-def carry_off(handle: Handle) -> None:
+def carry_off(handle: HandleBench) -> None:
     """The hand takes it past the end of its travel at 1 m/s, which is allowed."""
     _, end = handle.watch.travel
     while (position := handle.plant._handle[0]) <= end - 1e-3:
@@ -59,17 +59,17 @@ def carry_off(handle: Handle) -> None:
     place(handle, end + 0.2e-3)
 
 
-def place(handle: Handle, position: float) -> None:
+def place(handle: HandleBench, position: float) -> None:
     """Put device and hand there, at rest."""
     handle.plant._handle[:4] = position, 0.0, position, 0.0
 
 
-def release(handle: Handle) -> None:
+def release(handle: HandleBench) -> None:
     """The enabling switch opens."""
     handle.operator._key.held = False
 
 
-class Switch:
+class HeldSwitch:
     """An enabling switch that is held until a row says otherwise."""
 
     held = True
@@ -129,7 +129,7 @@ HANDLE_ROWS = tuple(
 
 
 @dataclass(frozen=True)
-class Taken:
+class HandleOutcome:
     """The outcome of a row: the time until the force was gone, the fault, and what was wrong."""
 
     took_ms: int
@@ -137,14 +137,14 @@ class Taken:
     problem: str
 
 
-def play(row: HandleRow) -> Taken:
+def play(row: HandleRow) -> HandleOutcome:
     """Push, harm, and see the force go and stay away."""
-    handle = Handle(row.trial, row.changes)
+    handle = HandleBench(row.trial, row.changes)
     if row.inject is release:
-        handle.operator._key, handle.watch._switch = Switch(), "switch"
+        handle.operator._key, handle.watch._switch = HeldSwitch(), "switch"
     handle.update(row.push_N, 60)
     if abs(handle.plant.servo_force + row.push_N) > 0.3:
-        return Taken(0, handle.watch.fault.name, "it did not push to begin with")
+        return HandleOutcome(0, handle.watch.fault.name, "it did not push to begin with")
     row.inject(handle)
     took = 0
     while took <= WITHIN_MS and not gone(handle, row.gone_N):
@@ -152,16 +152,16 @@ def play(row: HandleRow) -> Taken:
         took += 1
     named = handle.watch.fault.name
     if took > WITHIN_MS:
-        return Taken(took, named, f"{-handle.plant.servo_force:.1f} N after {WITHIN_MS} ms")
+        return HandleOutcome(took, named, f"{-handle.plant.servo_force:.1f} N after {WITHIN_MS} ms")
     if named not in row.names:
-        return Taken(took, named, f"called {named}")
+        return HandleOutcome(took, named, f"called {named}")
     if row.heal is not None:
         handle.network.heal(row.heal)
     handle.update(row.push_N, 50)
-    return Taken(took, named, "" if gone(handle, row.gone_N) else "the force came back")
+    return HandleOutcome(took, named, "" if gone(handle, row.gone_N) else "the force came back")
 
 
-def gone(handle: Handle, none_N: float = GONE_N) -> bool:
+def gone(handle: HandleBench, none_N: float = GONE_N) -> bool:
     """Whether the device was let go and its motor gives no force."""
     let_go = handle.watch.fault.code != 0
     return let_go and abs(handle.plant.servo_force) < none_N

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from teleop_rt.service.client import ask
 from teleop_rt.service.local_socket import connect
-from teleop_rt.service.place import Place, places
+from teleop_rt.service.place import DaemonFiles, places
 from teleop_rt_dev.paths import SILICONE, TRIALS
 from teleop_rt_dev.service.lab import Lab
 from teleop_rt_drivers.canopen.cia402 import ENABLE_OPERATION
@@ -32,7 +32,7 @@ Busy = Callable[["StopLab"], Iterator[None]]
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class StopTime:
     """From the request of a stop to the frame that orders it, as the sender stamped it."""
 
     seconds: float
@@ -58,7 +58,7 @@ class StopLab:
             yield
 
     @property
-    def place(self) -> Place:
+    def place(self) -> DaemonFiles:
         """Where the daemon takes commands."""
         return places(self.lab.environment)[0]
 
@@ -89,7 +89,7 @@ class StopLab:
                 found.append(int(entry.parent.name))
         return found
 
-    def stop_while(self, busy: Busy) -> Taken:
+    def stop_while(self, busy: Busy) -> StopTime:
         """Arm, keep the daemon busy, stop, and return how long the drive's order took."""
         while not ask(self.place, "arm")["ok"]:  # a machine that held the loop up
             ask(self.place, "reset")
@@ -132,14 +132,14 @@ def _order(bus: UnixBus) -> int:
             return int.from_bytes(message.data[:2], "little")
 
 
-def _await_order(bus: UnixBus, asked_s: float) -> Taken:
+def _await_order(bus: UnixBus, asked_s: float) -> StopTime:
     ticks = 0
     while (message := bus.recv(PATIENCE_S)) is not None:
         late_s = message.timestamp - asked_s
         ticks += message.arbitration_id == SYNC and late_s > 0
         ordered = message.arbitration_id == ORDER and late_s > 0
         if ordered and int.from_bytes(message.data[:2], "little") != ENABLE_OPERATION:
-            return Taken(late_s, ticks)
+            return StopTime(late_s, ticks)
     raise AssertionError("the drive never got a stop")
 
 

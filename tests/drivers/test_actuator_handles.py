@@ -10,7 +10,7 @@ from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt_dev.faults.handle import SERIAL, Handle
+from teleop_rt_dev.faults.handle import SERIAL, HandleBench
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -47,7 +47,7 @@ def test_the_cube_is_felt_through_a_motor_that_is_the_operator_s_device(kind, tm
 
 @pytest.mark.parametrize("kind", HANDLES)
 def test_a_handle_pushes_no_more_than_its_limit_and_nothing_for_no_number(kind):
-    handle = Handle(SERIAL, [handle_of(kind)])
+    handle = HandleBench(SERIAL, [handle_of(kind)])
     handle.update(20.0, 2)
     # Of 12 bits for a torque of either sign none is exactly 0: a step is 0.5 N here.
     assert handle.plant.servo_force == pytest.approx(0.0, abs=0.3), "before there is power"
@@ -62,7 +62,7 @@ def test_a_handle_pushes_no_more_than_its_limit_and_nothing_for_no_number(kind):
 @pytest.mark.parametrize("fault", ["mute", "over_temperature", "bus_off"])
 @pytest.mark.parametrize("kind", HANDLES)
 def test_a_handle_with_a_fault_has_no_force_within_70_ms_and_stands(kind, fault):
-    handle = Handle(SERIAL, [handle_of(kind)])
+    handle = HandleBench(SERIAL, [handle_of(kind)])
     handle.update(20.0, 50)
     handle.network.inject(fault, "drive")
     handle.update(20.0, 70)

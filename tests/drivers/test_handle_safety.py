@@ -14,7 +14,7 @@ from teleop_rt.config_rig import Limits
 from teleop_rt.master import handle_faults as faults
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.held_key import HeldKey
-from teleop_rt_dev.faults.handle import CANOPEN, Handle
+from teleop_rt_dev.faults.handle import CANOPEN, HandleBench
 from teleop_rt_dev.faults.handle_rows import HANDLE_ROWS, PUSH_N, HandleRow, gone, play
 
 LIMITS = Limits(
@@ -104,7 +104,7 @@ def test_a_device_that_measures_once_is_not_compared_and_says_so():
 
 
 def test_an_encoder_that_sticks_takes_the_force_away():
-    handle = Handle(CANOPEN)
+    handle = HandleBench(CANOPEN)
     handle.update(PUSH_N, 60)
     handle.network.inject("freeze", "encoder")
     began = handle.plant.position

@@ -22,7 +22,7 @@ from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt.yaml_file import ConfigError
-from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, Handle
+from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, HandleBench
 from teleop_rt_drivers import operator_device, registry
 from teleop_rt_drivers.ends import DeviceEnds
 from teleop_rt_drivers.simulated.reference import environment_force
@@ -86,7 +86,7 @@ def test_at_2_khz_where_the_bus_carries_it_the_cube_is_felt_with_a_stiffer_bound
 
 @pytest.fixture
 def handle(request):
-    return Handle(request.param)
+    return HandleBench(request.param)
 
 
 @BOTH
@@ -104,7 +104,7 @@ def test_position_and_velocity_are_the_hands_and_the_force_is_against_it(handle)
 
 def test_a_first_cycle_that_takes_long_loses_no_device(monkeypatch):
     """Compiling and catching up took 100 ms of it; the devices had spoken meanwhile."""
-    handle = Handle()
+    handle = HandleBench()
     advance = handle.plant.advance
 
     def slow(_):
@@ -118,7 +118,7 @@ def test_a_first_cycle_that_takes_long_loses_no_device(monkeypatch):
 
 
 def test_a_hand_that_nobody_asked_for_long_is_where_it_would_be_anyway():
-    asked, forgotten = Handle(), Handle()
+    asked, forgotten = HandleBench(), HandleBench()
     asked.update(0.0, 3000)
     forgotten.now += 3000 * MS
     forgotten.plant.advance(forgotten.now)
@@ -138,7 +138,7 @@ def test_no_force_is_pushed_before_power_nor_of_a_number_that_is_none(handle):
 
 @pytest.mark.parametrize("fault", ["mute", "emergency", "unplug"])
 def test_a_device_with_a_fault_is_stopped_and_stands(fault):
-    handle = Handle()
+    handle = HandleBench()
     handle.update(10.0, 50)
     handle.network.inject(fault, "encoder")
     handle.update(10.0, 100)
@@ -154,7 +154,7 @@ def test_a_device_with_a_fault_is_stopped_and_stands(fault):
 @pytest.mark.parametrize("fault", ["mute", "unplug"])
 @pytest.mark.parametrize("device", ["encoder", "drive"])
 def test_a_serial_device_with_a_fault_is_stopped_and_stands(fault, device):
-    handle = Handle(SERIAL)
+    handle = HandleBench(SERIAL)
     handle.update(10.0, 50)
     assert handle.plant.servo_force == pytest.approx(-10.0, abs=0.1)
     handle.network.inject(fault, device)
@@ -170,7 +170,7 @@ def test_a_serial_device_with_a_fault_is_stopped_and_stands(fault, device):
 
 
 def test_no_more_than_the_rigs_force_is_asked_of_a_serial_drive():
-    handle = Handle(SERIAL)
+    handle = HandleBench(SERIAL)
     handle.update(500.0, 20)
     assert handle.plant.servo_force == pytest.approx(-100.0, abs=0.1)
 

@@ -24,7 +24,7 @@ from teleop_rt.link.messages import (
     ModelMessage,
     MotionMessage,
     StateMessage,
-    Taken,
+    TakenOver,
 )
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -36,7 +36,7 @@ EFFECTS = st.lists(
     max_size=2,
 ).map(tuple)
 MESSAGES = st.one_of(
-    st.builds(Taken, st.from_regex(r"[A-Za-z0-9_.-]{1,32}", fullmatch=True)),
+    st.builds(TakenOver, st.from_regex(r"[A-Za-z0-9_.-]{1,32}", fullmatch=True)),
     st.builds(
         MotionMessage,
         FINITE,

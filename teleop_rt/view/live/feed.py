@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.view.live.health import Health, health
-from teleop_rt.view.live.source import About, RecordingSource, Source
+from teleop_rt.view.live.source import About, RecordingSource, RowSource
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -133,7 +133,7 @@ class Thinner:
 class Feed:
     """One reader for all browsers; `poll()` takes what is new."""
 
-    def __init__(self, source: Source, window_s: float) -> None:
+    def __init__(self, source: RowSource, window_s: float) -> None:
         self.source = source
         self.window_s = window_s
         self.shown: dict[str, Window] = {}

@@ -53,7 +53,7 @@ one of as many points."""
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class LiveCurve:
     """One line of a plot: the source and the column that it shows, and how; hidden until chosen."""
 
     source: str
@@ -75,7 +75,7 @@ class Plot:
 
     figure: figure
     held: tuple[tuple[str, str], ...]
-    legend: tuple[Curve, ...] = ()
+    legend: tuple[LiveCurve, ...] = ()
     value: tuple[str, str] | None = None
 
 
@@ -90,17 +90,17 @@ def make_sources() -> dict[str, ColumnDataSource]:
 def make_plots(p: Palette, sources: Mapping[str, ColumnDataSource]) -> list[Plot]:
     """Return every plot of the page on the ground of `p`."""
     force = [
-        Curve("slave", "filtered_force", f"{MEASURED}, filtered", p.measured),
-        Curve("slave", "predicted_force", PREDICTED, p.predicted, "dashed"),
-        Curve("master", "rendered_force", RENDERED, p.rendered),
-        Curve("slave", "force", RAW, p.target, "dotted", hidden=True),
+        LiveCurve("slave", "filtered_force", f"{MEASURED}, filtered", p.measured),
+        LiveCurve("slave", "predicted_force", PREDICTED, p.predicted, "dashed"),
+        LiveCurve("master", "rendered_force", RENDERED, p.rendered),
+        LiveCurve("slave", "force", RAW, p.target, "dotted", hidden=True),
     ]
     position = [
-        Curve("slave", "target", ASKED, p.target),
-        Curve("slave", "position", MEASURED, p.measured),
-        Curve("slave", "surface", SURFACE, p.predicted, "dashed"),
+        LiveCurve("slave", "target", ASKED, p.target),
+        LiveCurve("slave", "position", MEASURED, p.measured),
+        LiveCurve("slave", "surface", SURFACE, p.predicted, "dashed"),
     ]
-    residual = [Curve("residual", "residual", RESIDUAL, p.residual)]
+    residual = [LiveCurve("residual", "residual", RESIDUAL, p.residual)]
     return [
         scrolling("force", p, sources, force, height=195),
         scrolling("position", p, sources, position),
@@ -114,12 +114,12 @@ def scrolling(
     name: str,
     palette: Palette,
     sources: Mapping[str, ColumnDataSource],
-    curves: Sequence[Curve],
+    curves: Sequence[LiveCurve],
     height: int = 175,
 ) -> Plot:
     """Return a plot over time; the page moves its axes, so that no browser must search for them."""
     plot = _blank(name, height)
-    drawn: dict[str, list[tuple[Curve, GlyphRenderer[Any]]]] = {}
+    drawn: dict[str, list[tuple[LiveCurve, GlyphRenderer[Any]]]] = {}
     for curve in curves:
         line = plot.line(
             "t",
@@ -141,7 +141,7 @@ def scrolling(
     return Plot(plot, held, tuple(curves) if len(curves) > 1 else ())
 
 
-def _hover(group: Sequence[tuple[Curve, GlyphRenderer[Any]]], *, first: bool) -> HoverTool:
+def _hover(group: Sequence[tuple[LiveCurve, GlyphRenderer[Any]]], *, first: bool) -> HoverTool:
     """Return a tool that shows the values of one source's curves at the time that is pointed at.
 
     The second one of a plot stands on the other side: one would cover the other.
@@ -185,7 +185,7 @@ def dress(plot: figure, palette: Palette) -> None:
 def _parameter(place: int, palette: Palette, sources: Mapping[str, ColumnDataSource]) -> Plot:
     """Return the plot of one parameter of the selected model, two deviations either way."""
     source = sources["parameters"]
-    curve = Curve("parameters", f"p{place}", "estimate", palette.predicted)
+    curve = LiveCurve("parameters", f"p{place}", "estimate", palette.predicted)
     plot = scrolling(f"parameter{place}", palette, sources, [curve]).figure
     plot.yaxis.axis_label = ""
     edges = [f"{edge}_edge{place}" for edge in ("low", "high")]

@@ -47,7 +47,7 @@ class About:
     cutoff_hz: float
 
 
-class Source(Protocol):
+class RowSource(Protocol):
     """Gives what is new of each topic."""
 
     name: str
@@ -233,7 +233,7 @@ def announce(name: str, address: str) -> None:
     print(f"{name}: open {address} (end with Ctrl-C)", flush=True)
 
 
-def open_source(recording: Path | None, beside: int | None = None) -> Source:
+def open_source(recording: Path | None, beside: int | None = None) -> RowSource:
     """Return a recording or run folder, the run of the process `beside`, or the newest session.
 
     Raises RecordingError where there is none.

@@ -1,0 +1,60 @@
+"""The keys of summary.json on the rendered force."""
+
+from __future__ import annotations
+
+from typing import NotRequired
+
+from teleop_rt.json_schema import Keys
+from teleop_rt.master.outcome_keys import Rendering
+from teleop_rt.trial.loop_keys import LoopLateness
+
+
+class TruePort(Keys):
+    """True felt force of a simulated hand, against the environment's in converged contact."""
+
+    motor_nrmse: float | None
+    """Error of the motor's force as a share of the range [1]; null where it is not defined."""
+    motor_lag_ms: float | None
+    """Lag of the motor's force [ms]; null where the motion repeats itself."""
+    hand_nrmse: float | None
+    """Error of the hand's force as a share of the range [1]; null where it is not defined."""
+    hand_lag_ms: float | None
+    """Lag of the hand's force [ms]; null where the motion repeats itself."""
+
+
+class WorstFelt(Keys):
+    """The worst of the rendered force since the first touch, before convergence and after."""
+
+    phantom_force: float | None
+    """Largest force where the true environment answers the same motion with none [N or Nm]."""
+    phantom_s: float | None
+    """Time of it, from the master's first tick [s]."""
+    force_error: float | None
+    """Largest error of the force [N or Nm]."""
+    force_error_s: float | None
+    """Time of it, from the master's first tick [s]."""
+    force_range: float | None
+    """Range of the true force, by which both are graded [N or Nm]."""
+
+
+class FeltForce(Keys):
+    """The rendered force of the master, against the true environment in converged contact."""
+
+    nrmse: float | None
+    """Error of the rendered force as a share of the range [1]; null without a reference."""
+    lag_ms: float | None
+    """Lag of the rendered force [ms]; null without a reference, or where the motion repeats."""
+    direct_reflection_lag_ms: float | None
+    """Lag that the slave's force reflected directly would have had [ms]; null like lag_ms."""
+    worst: WorstFelt | None
+    """The worst since the first touch; null without a reference or a touch."""
+    largest_force_step: float | None
+    """Largest step of the rendered force between ticks [N or Nm]; null where none was recorded."""
+    reason: NotRequired[str]
+    """Why a figure is null; absent where none is."""
+    rendering: Rendering | None
+    """The master's own report; null if its process ended before it could report."""
+    late: LoopLateness | None
+    """Lateness of the master's loop; null where it is not known."""
+    true_port: TruePort | None
+    """The true felt force of a simulated hand; null without one, or without converged contact."""
