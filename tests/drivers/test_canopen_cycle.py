@@ -10,10 +10,13 @@ from rig_bench import MS, START_NS, Bench, canopen_rig, changed, path, plant_con
 
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt.signals import TRUTH, columns
+from teleop_rt_drivers.canopen.sdo import BOOT_UP as HEARTBEAT
 from teleop_rt_drivers.canopen.setup import PRE_OPERATIONAL, STOP_NODE
 from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 COLUMN = columns(TRUTH)
+FORCE_SENSOR = 0x20
+"""Its node."""
 DEVICES = ("encoder", "force sensor", "drive")
 
 
@@ -134,6 +137,33 @@ def test_a_muted_device_counts_up_missing_and_is_lost_after_its_heartbeat_timeou
     assert sample.position == last
     assert sample.fault is AxisFault.DEVICE_LOST
     assert 40 <= len(missing) <= 62
+
+
+@pytest.mark.parametrize("data", [b"", b"\x05\x05", b"\x05" * 8])
+def test_a_heartbeat_of_a_wrong_length_is_counted_and_is_no_sign_of_life(data):
+    muted, answered = Bench().armed(), Bench().armed()
+    lost = []
+    for bench in (muted, answered):
+        bench.simulated.inject("mute", "force sensor")
+        cycles = 0
+        while bench.cycle().fault is AxisFault.NONE and cycles < 85:
+            cycles += 1
+            if bench is answered:
+                bench.daemon_end.deliver(frame(HEARTBEAT + FORCE_SENSOR, data))
+        lost.append((cycles, bench.sample.fault))
+    assert lost[0] == lost[1]
+    assert lost[1][1] is AxisFault.DEVICE_LOST
+    assert answered.axis.counters["wrong_length"] == lost[1][0]
+    assert muted.axis.counters["wrong_length"] == 0
+
+
+def test_a_heartbeat_of_the_right_length_is_a_sign_of_life():
+    bench = Bench().armed()
+    bench.simulated.inject("mute", "force sensor")
+    for _ in range(85):
+        bench.daemon_end.deliver(frame(HEARTBEAT + FORCE_SENSOR, b"\x05"))
+        assert bench.cycle().fault is AxisFault.NONE
+    assert bench.axis.counters["wrong_length"] == 0
 
 
 def test_a_device_that_comes_back_is_valid_again_within_four_cycles():

@@ -53,3 +53,20 @@ def test_numbers_stay_finite_for_ever():
         clock.update(k % 256, 10**12 + k * MS)
     assert clock.drift_ppm == pytest.approx(0.0, abs=0.1)
     assert clock.deviation_ns < 1.0
+
+
+def test_a_clock_of_64_bits_is_followed_through_its_sign_and_its_overflow():
+    for start in (2**63 - 300_000, 2**64 - 300_000):  # half of the samples come before the edge
+        clock = DeviceClock(1e-6, 64)
+        mapped = [clock.update((start + k * 1000) % 2**64, 10**12 + k * MS) for k in range(600)]
+        assert mapped == pytest.approx([10**12 + k * MS for k in range(600)], abs=1_000)
+        assert clock.samples == 600
+        assert clock.outliers == 0
+        assert clock.drift_ppm == pytest.approx(0.0, abs=0.1)
+
+
+def test_what_a_field_holds_beside_a_clock_of_64_bits_is_left_out():
+    clock = DeviceClock(1e-6, 64)
+    assert clock.word(2**64 + 5) == 5
+    assert clock.word(2**63) == -(2**63)
+    assert clock.word(2**64 - 1) == -1
