@@ -45,13 +45,14 @@ def new_state() -> StoredState:
 class NewestMotion:
     """The body of the newest motion, as it came, and whether there is one, for kernels.
 
-    `stored` (1,) has the fields of a motion's body, and `known`, 0 while there is none.
+    `stored` (1,) has the fields of a motion's body, and `known`, 0 while there is none; `words`
+    are the same by byte, for what takes a body.
     """
 
     def __init__(self) -> None:
         self.stored: StoredMotion = np.zeros(1, np.dtype((np.record, _MOTION)))
-        words = self.stored.view(np.uint8).data
-        self._body, self._known = words[:-1], words[-1:]
+        self.words = self.stored.view(np.uint8)
+        self._body, self._known = self.words.data[:-1], self.words.data[-1:]
 
     def take(self, body: bytes) -> None:
         """Take the body of a motion that was found to be in order."""

@@ -18,8 +18,8 @@ from teleop_rt.link.codec import (
     decode,
     decode_header,
     encode,
-    encode_header,
     kind_of,
+    pack_header,
 )
 from teleop_rt.link.handshake import Answerer, Budget, Caller
 from teleop_rt.link.keys import Keys
@@ -61,6 +61,9 @@ _DATA: dict[Role, frozenset[int]] = {
 }
 
 
+# By these names a tick finds them at once.
+_KIND, _SEQUENCE, _MOTION = intake.KIND, intake.SEQUENCE, int(Kind.MOTION)
+_PEER_STAMP, _PEER_STAMP_TAKEN = intake.PEER_STAMP, intake.PEER_STAMP_TAKEN
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 
 
@@ -166,16 +169,21 @@ class Endpoint(Mailbox):
         """Take in what has arrived, a bounded number of packets, and keep the session alive."""
         self.fresh_motion = self.fresh_state = False
         self._answerer.new_poll()
-        now_ns = self._now_ns()
+        now_ns, sessions, receive = self._now_ns(), self.sessions, self.transport.receive
         for _ in range(PACKETS_PER_POLL):
-            packet = self.transport.receive()
+            packet = receive()
             if packet is None:
                 break
             try:
-                self._take(packet, now_ns)
+                session = sessions.current
+                if session is None or not self._is_expected(packet, session.signed_id, self._kinds):
+                    self._take(packet, now_ns)
+                else:
+                    self._take_expected(session, packet, now_ns)
             except MessageError as error:
                 self.statistics.reject(error.reason)
-        self.sessions.age(now_ns)
+        if now_ns >= sessions.ages_ns:
+            sessions.age(now_ns)
         if self._caller is not None:
             self._call(self._caller, now_ns)
 
@@ -183,7 +191,7 @@ class Endpoint(Mailbox):
         """Let what nearly every packet passes work on the window of the session that stands."""
         words = self._words, window.words
         self._is_expected = bound(intake.is_expected, words, b"", 0, 0)
-        more = self.clock.words, self.statistics.words
+        more = self.clock.words, self.statistics.words, self.newest_motion.words
         self._accept = bound(intake.accept, (*words, *more), b"", 0, 0, 0)
 
     def fix_clock(self) -> None:
@@ -216,24 +224,14 @@ class Endpoint(Mailbox):
     def _send(
         self, session: Session, kind: Kind, body: Body, now_ns: int, to: Address | None = None
     ) -> None:
-        sequence, numbers = session.next_sequence(), self._numbers
-        clear = encode_header(
-            (
-                kind,
-                session.session_id,
-                sequence,
-                now_ns,
-                numbers[intake.PEER_STAMP],
-                now_ns - numbers[intake.PEER_STAMP_TAKEN],
-            )
-        )
+        numbers = self._numbers
+        session.sequence = sequence = session.sequence + 1  # each is used once
+        stamp_ns, held_ns = numbers[_PEER_STAMP], now_ns - numbers[_PEER_STAMP_TAKEN]
+        clear = pack_header(kind, session.session_id, sequence, now_ns, stamp_ns, held_ns)
         self.transport.send(session.seal(clear, body, sequence), to)
 
     def _take(self, packet: bytes, now_ns: int) -> None:
-        session = self.sessions.current
-        if session is not None and self._is_expected(packet, session.signed_id, self._kinds):
-            self._take_expected(session, packet, now_ns)
-            return
+        """Take in a packet of any kind: a few in a session, all others before one stands."""
         if problem := intake.read_header(self._words, packet):
             raise MessageError(intake.PROBLEMS[problem])
         kind, caller = self._numbers[intake.KIND], self._caller
@@ -261,15 +259,17 @@ class Endpoint(Mailbox):
 
     def _take_expected(self, session: Session, packet: bytes, now_ns: int) -> None:
         """Take in one more motion or state of the session that stands, as nearly all are."""
-        body = session.open(packet, self._numbers[intake.SEQUENCE])
-        transport, kind = self.transport, self._numbers[intake.KIND]
+        numbers, transport, sessions = self._numbers, self.transport, self.sessions
+        body = session.open(packet, numbers[_SEQUENCE])
         transport.confirm_sender()
         session.address = transport.sender
-        self.sessions.accepted_ns = now_ns
-        problem = self._accept(body, session.epoch, self.sessions.lost_before, now_ns)
-        if problem:
+        sessions.accepted_ns = now_ns
+        if problem := self._accept(body, session.epoch, sessions.lost_before, now_ns):
             self._count_problem(problem)
-        self.store(kind, body, None)
+        if numbers[_KIND] == _MOTION:
+            self.hold_motion(body)
+        else:
+            self.hold_state(body)
 
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of what they cost."""

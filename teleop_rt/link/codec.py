@@ -7,6 +7,7 @@ unknown code or a wrong length is refused.
 
 from __future__ import annotations
 
+import functools
 import math
 from struct import Struct
 
@@ -45,9 +46,13 @@ _TAKEN = Struct("<32s")
 HEADER_BYTES, MOTION_BYTES, STATE_BYTES = _HEADER.size, _MOTION.size, _STATE.size
 
 
-def encode_header(header: Header | tuple[int, int, int, int, int, int]) -> bytes:
+pack_header = functools.partial(_HEADER.pack, MAGIC, VERSION)
+"""The 44 bytes of a header, from what a `Header` has in its order."""
+
+
+def encode_header(header: Header) -> bytes:
     """Return the 44 bytes of a header."""
-    return _HEADER.pack(MAGIC, VERSION, *header)
+    return pack_header(*header)
 
 
 def decode_header(packet: bytes) -> Header:

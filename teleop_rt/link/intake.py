@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Whole = NDArray[np.int64]
+    Bytes = NDArray[np.uint8]
 
 _KINDS = len(Kind) + 1
 (
@@ -156,14 +157,29 @@ def accept(
     window: Whole,
     clock: Whole,
     statistics: Whole,
+    motion: Bytes,
     body: bytes,
     epoch: int,
     lost_before: int,
     now_ns: int,
 ) -> int:
-    """Take in the expected packet that verified: its number, and as `take_in` does."""
+    """Take in the expected packet that verified: its number, and as `take_in` does.
+
+    `motion` are the bytes of a `NewestMotion`, which a motion in order replaces.
+    """
     missing = add(window, link[SEQUENCE])
-    return take_in(link, clock, statistics, body, epoch, lost_before + missing, now_ns)
+    problem = take_in(link, clock, statistics, body, epoch, lost_before + missing, now_ns)
+    if link[KIND] == _MOTION and problem & REFUSED == FINE:
+        keep_motion(motion, body)
+    return problem
+
+
+@kernel
+def keep_motion(motion: Bytes, body: bytes) -> None:
+    """Write the body of a motion into the record of the newest one; its last byte is `known`."""
+    for at in range(_MOTION_BYTES):
+        motion[at] = body[at]
+    motion[_MOTION_BYTES] = 1
 
 
 @kernel

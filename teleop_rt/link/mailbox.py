@@ -44,11 +44,19 @@ class Mailbox:
         """Keep a message that is news, of which `read` is what was read of its body already."""
         if kind == Kind.MOTION:
             self.newest_motion.take(body)
-            self._motion, self.fresh_motion = body, True
+            self.hold_motion(body)
         elif kind == Kind.STATE:
-            self._state, self.fresh_state = body, True
+            self.hold_state(body)
         elif isinstance(read, ModelMessage):
             self.model = read
+
+    def hold_motion(self, body: bytes) -> None:
+        """Keep a motion that is news, and that kernels have already."""
+        self._motion, self.fresh_motion = body, True
+
+    def hold_state(self, body: bytes) -> None:
+        """Keep a state that is news."""
+        self._state, self.fresh_state = body, True
 
     def forget(self) -> None:
         """Forget all of a session that has ended, also those of this very poll."""

@@ -23,7 +23,8 @@ PROTOCOL = b"Noise_NNpsk0_25519_ChaChaPoly_SHA256"
 Body = bytes | memoryview
 KEY_BYTES = DH_BYTES = 32
 TAG_BYTES = 16
-_NONCE = Struct("<4xQ")
+pack_nonce = Struct("<4xQ").pack
+"""The 12 bytes of a nonce, from its number."""
 X25519PrivateKey.generate()  # loads cryptography's backend now, not with a loop's first handshake
 
 
@@ -35,16 +36,16 @@ class CipherState:
     """A key and its nonces; packets say their own nonce (section 11.4, out-of-order transport)."""
 
     def __init__(self, key: bytes) -> None:
-        self._aead = ChaCha20Poly1305(key)
+        self.aead = ChaCha20Poly1305(key)
 
     def encrypt(self, nonce: int, ad: bytes, plaintext: Body) -> bytes:
         """Return ciphertext and tag; `nonce` must be new for this key."""
-        return self._aead.encrypt(_NONCE.pack(nonce), plaintext, ad)
+        return self.aead.encrypt(pack_nonce(nonce), plaintext, ad)
 
     def decrypt(self, nonce: int, ad: bytes, ciphertext: bytes) -> bytes:
         """Return the plaintext. Raises NoiseError where it does not verify."""
         try:
-            return self._aead.decrypt(_NONCE.pack(nonce), ciphertext, ad)
+            return self.aead.decrypt(pack_nonce(nonce), ciphertext, ad)
         except InvalidTag:
             raise NoiseError("the packet does not verify") from None
 

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from cryptography.exceptions import InvalidTag
 
 from teleop_rt.jit import kernel
 from teleop_rt.link import noise
 from teleop_rt.link.codec import HEADER_BYTES
 from teleop_rt.link.messages import MessageError
-from teleop_rt.link.noise import Body, CipherState, NoiseError
+from teleop_rt.link.noise import Body, CipherState, pack_nonce
 from teleop_rt.link.transport import Address
 
 if TYPE_CHECKING:
@@ -93,11 +94,11 @@ class Session:
     window: ReplayWindow = field(default_factory=ReplayWindow)
     sequence: int = 0
     address: Address | None = None
+    signed_id: int = field(init=False)
 
-    @property
-    def signed_id(self) -> int:
-        """The session's number as kernels read it: a signed one of 64 bits."""
-        return (self.session_id ^ _SIGN) - _SIGN
+    def __post_init__(self) -> None:
+        """Keep the session's number as kernels read it, too: a signed one of 64 bits."""
+        self.signed_id = (self.session_id ^ _SIGN) - _SIGN
 
     @classmethod
     def of(
@@ -111,16 +112,12 @@ class Session:
 
     def seal(self, clear: bytes, body: Body, sequence: int) -> bytes:
         """Return `clear | sealed body | tag`; `clear` is authenticated."""
-        return clear + self.outgoing.encrypt(sequence, clear, body)
+        return clear + self.outgoing.aead.encrypt(pack_nonce(sequence), body, clear)
 
     def open(self, packet: bytes, sequence: int) -> bytes:
         """Return the body of a packet. Raises MessageError where it does not verify."""
         try:
-            return self.incoming.decrypt(sequence, packet[:HEADER_BYTES], packet[HEADER_BYTES:])
-        except NoiseError:
+            sealed, clear = packet[HEADER_BYTES:], packet[:HEADER_BYTES]
+            return self.incoming.aead.decrypt(pack_nonce(sequence), sealed, clear)
+        except InvalidTag:
             raise MessageError("authentication") from None
-
-    def next_sequence(self) -> int:
-        """Return the number of the next packet to send; it is used once."""
-        self.sequence += 1
-        return self.sequence

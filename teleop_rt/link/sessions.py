@@ -28,6 +28,7 @@ class Sessions:
     `answerer` holds the candidates of callers that have not confirmed theirs. `accepted_ns` is when
     the last packet of any was accepted [ns], `lost_before` how many packets the sessions before
     `current` have lost. An end that is `called` notes a conversation that takes over another.
+    Before `ages_ns` there is nothing for `age` to do.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class Sessions:
         self.current: Session | None = None
         self.accepted_ns = now_ns
         self.lost_before = 0
+        self.ages_ns = 0
         self._former: Session | None = None
         self._retired: Session | None = None
         self._answerer = answerer
@@ -76,7 +78,7 @@ class Sessions:
         One of the conversation that stands only brings its next keys.
         """
         before = self.current
-        session.began_ns = self.accepted_ns = now_ns
+        session.began_ns = self.accepted_ns = self.ages_ns = now_ns
         self._answerer.confirmed()
         self.current = session
         if before is not None:
@@ -105,6 +107,7 @@ class Sessions:
             self._former = None
         if age_ns > REJECT_AFTER_NS:
             self.current = None
+        self.ages_ns = session.began_ns + (REJECT_AFTER_NS if self._former is None else FORMER_NS)
 
     def wants_keys(self, now_ns: int) -> bool:
         """Return whether a caller is to call: without a session, after a silence, or to renew."""

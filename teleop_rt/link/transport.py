@@ -18,6 +18,8 @@ _AT_ONCE = 16
 """Datagrams that are taken by one call of the system."""
 _INTERNET = struct.Struct(">2xH4s8x")
 """Port and address in `struct sockaddr_in`."""
+_NAME_WORDS = SENDER_BYTES // 8
+"""Words of a sender's name, of which the first holds all that differs: the second is padding."""
 MEMORY_QUEUE = 4096
 
 
@@ -73,7 +75,8 @@ class UdpTransport:
         self._packets = Packets(_AT_ONCE, MAX_DATAGRAM, named=True)
         self._descriptor = self._socket.fileno()
         self._count = self._next = 0
-        self._name = b""
+        self._names = self._packets.senders.cast("Q")
+        self._name = 0
 
     @property
     def port(self) -> int:
@@ -92,31 +95,34 @@ class UdpTransport:
 
     def receive(self) -> bytes | None:
         """Return the next datagram, or None: all that wait are taken by one call of the system."""
-        packets, at = self._packets, self._next
+        at = self._next
         if at == self._count:
-            if self._take() == 0:
+            if 0 < at < _AT_ONCE:  # the last call had taken all
+                self._count = self._next = 0
                 return None
             at = 0
+            if not self._take():
+                return None
         self._next = at + 1
-        place, name = at * MAX_DATAGRAM, at * SENDER_BYTES
-        if packets.senders[name : name + SENDER_BYTES] != self._name:
-            self._meet(bytes(packets.senders[name : name + SENDER_BYTES]))
+        if self._names[at * _NAME_WORDS] != self._name:
+            self._meet(at)
+        packets, place = self._packets, at * MAX_DATAGRAM
         return bytes(packets.memory[place : place + packets.lengths[at]])
 
     def _take(self) -> int:
-        """Return how many datagrams wait now; none where the last call had taken all."""
-        drained, self._count, self._next = 0 < self._count < _AT_ONCE, 0, 0
-        if not drained:
-            try:
-                self._count = self._packets.receive(self._descriptor)
-            except OSError:
-                self._count = 0
+        """Take the datagrams that wait now, and return how many."""
+        self._next = 0
+        try:
+            self._count = self._packets.receive(self._descriptor)
+        except OSError:
+            self._count = 0
         return self._count
 
-    def _meet(self, name: bytes) -> None:
-        """Read another sender's address than the last one's."""
-        port, address = _INTERNET.unpack(name)
-        self._name, self.sender = name, (socket.inet_ntoa(address), port)
+    def _meet(self, at: int) -> None:
+        """Read another sender's address than the last one's: family, port and host."""
+        self._name = self._names[at * _NAME_WORDS]
+        port, address = _INTERNET.unpack_from(self._packets.senders, at * SENDER_BYTES)
+        self.sender = (socket.inet_ntoa(address), port)
 
     def confirm_sender(self) -> None:
         """Take the sender of the last datagram for the peer."""

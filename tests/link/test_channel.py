@@ -105,6 +105,24 @@ def test_the_applied_sequence_strictly_increases_on_a_bad_network() -> None:
     assert late > 1000
 
 
+def test_a_motion_that_is_refused_leaves_the_newest_one_that_kernels_know() -> None:
+    pair = Pair()
+    pair.run(20)
+    pair.slave.poll()
+    newest = pair.slave.newest_motion.stored
+    assert (newest["target"][0], newest["known"][0]) == (pair.sent, 1)
+    pair.master.send(MotionMessage(-1.0, 0.0, 0, engaged=True))
+    overtaken = pair.master_tap.sent[-1]
+    pair.slave_tap.inner.receive()
+    pair.master.send(MotionMessage(-2.0, 0.0, 0, engaged=True))
+    pair.slave.poll()
+    assert newest["target"][0] == -2.0
+    pair.slave_tap.injected.append(overtaken)
+    pair.slave.poll()
+    assert pair.slave.statistics.rejected == {"late": 1}
+    assert newest["target"][0] == -2.0
+
+
 def test_silence_is_the_time_since_the_last_accepted_packet_whatever_its_age() -> None:
     dark = Impairment(500 * MS, blackouts_ns=((2000 * MS, 3000 * MS),))
     pair = Pair(there=delayed(500), back=dark)
