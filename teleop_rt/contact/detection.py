@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.onset import surface_at_onset
+from teleop_rt.contact.slow_onset import (
+    MOST_SETTLING,
+    N_ROOM,
+    POINTS,
+    surface_behind_averages,
+)
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
@@ -35,8 +41,9 @@ Matrix = NDArray[np.float64]
     CURVED_VARIANCE,
     MET_AT,
     MET_VARIANCE,
+    AWAITED,
     N_DETECTOR,
-) = range(21)
+) = range(22)
 
 # The detector's settings.
 (
@@ -49,10 +56,16 @@ Matrix = NDArray[np.float64]
     RESOLUTION,
     LETS_GO,
     FOLLOWED,
-    N_DETECTION,
-) = range(10)
+    SETTLING,
+    AVERAGE,
+) = range(11)
+# From AVERAGE on there are the weights of a converter that settles in SETTLING samples.
+N_DETECTION = AVERAGE + MOST_SETTLING * POINTS + 1
 
-NOTHING, ONSET, RELEASE = range(3)
+NOTHING, ONSET, RELEASE, FOUND = range(4)
+# Settling times of a slow force's converter until it places a surface: as much of its force lies
+# behind the part that was averaged over the surface as before.
+SETTLINGS = 2
 HISTORY = 1024
 # An onset this far [resolutions] from the previous one shows that the environment has moved.
 MOVED_RESOLUTIONS = 100.0
@@ -149,19 +162,91 @@ def detect_by_position(state: Vector, settings: Vector, position: float) -> int:
 
 
 @kernel
+def waits(settings: Vector) -> int:
+    """Return the samples from an onset until a slow force places the surface."""
+    span = int(settings[SETTLING])
+    return SETTLINGS * span + (span + 1) // 2
+
+
+@kernel
+def place_behind_averages(
+    state: Vector, settings: Vector, positions: Vector, forces: Vector, last: int, room: Vector
+) -> None:
+    """Take the surface from an averaged force, by all that came since the onset."""
+    span, since = int(settings[SETTLING]), waits(settings) - int(state[AWAITED])
+    state[AWAITED] = 0.0
+    found, variance = surface_behind_averages(
+        positions,
+        forces,
+        last,
+        int(state[APART]) + since,
+        since,
+        settings[FORCE_NOISE],
+        min(2.0 * settings[FORCE_NOISE], settings[RELEASE_FORCE]),
+        settings[AVERAGE : AVERAGE + span * POINTS + 1],
+        span,
+        room,
+    )
+    state[MET_AT], state[MET_VARIANCE] = found, variance
+    place_surface(state, settings, found, variance, positions[last])
+
+
+@kernel
+def stay_or_leave(
+    state: Vector, settings: Vector, positions: Vector, forces: Vector, last: int, room: Vector
+) -> int:
+    """Advance a contact; return NOTHING, RELEASE, or FOUND where its surface was placed now."""
+    left = state[BELOW] >= settings[RELEASE_SAMPLES]
+    placed = False
+    if state[AWAITED] > 0.0:
+        state[AWAITED] -= 1.0
+        if left or state[AWAITED] == 0.0:
+            known = state[SURFACE]
+            place_behind_averages(state, settings, positions, forces, last, room)
+            placed = state[SURFACE] != known
+    if left:
+        state[IN_CONTACT] = 0.0
+        state[FREE_TICKS] = state[APART] = 0.0
+        return RELEASE
+    return FOUND if placed else NOTHING
+
+
+@kernel
+def meet_surface(
+    state: Vector, settings: Vector, positions: Vector, forces: Vector, last: int
+) -> None:
+    """Take the surface from an onset out of free air, or have it awaited from an averaged force."""
+    state[ONSETS] += 1.0
+    noise = settings[FORCE_NOISE]
+    quiet = min(2.0 * noise, settings[RELEASE_FORCE])
+    found, variance, before = surface_at_onset(
+        positions, forces, last, int(state[APART]), noise, quiet
+    )
+    if before >= settings[RELEASE_FORCE]:
+        return
+    if settings[SETTLING] > 0.0:
+        state[AWAITED] = float(waits(settings))
+        return
+    state[MET_AT], state[MET_VARIANCE] = found, variance
+    place_surface(state, settings, found, variance, positions[last])
+
+
+@kernel
 def detect(
     state: Vector,
     settings: Vector,
     positions: Vector,
     forces: Vector,
+    room: Vector,
     position: float,
     force: float,
 ) -> int:
-    """Advance the detector by one aligned sample; return NOTHING, ONSET or RELEASE.
+    """Advance the detector by one aligned sample; return NOTHING, ONSET, RELEASE or FOUND.
 
     An onset gives a surface only after free air was seen, and from there: a tool that rests inside
     with less force than an onset's, as damping lets it come to rest on its way out, has not left. A
-    run that starts in contact has no surface until it lets go.
+    run that starts in contact has no surface until it lets go. An averaged force places the surface
+    some samples later: FOUND.
     """
     if state[STARTED] == 0.0:
         state[STARTED] = 1.0
@@ -176,11 +261,7 @@ def detect(
     state[ABOVE] = state[ABOVE] + 1.0 if force > settings[ONSET_FORCE] else 0.0
     state[BELOW] = state[BELOW] + 1.0 if force < settings[RELEASE_FORCE] else 0.0
     if state[IN_CONTACT] > 0.0:
-        if state[BELOW] >= settings[RELEASE_SAMPLES]:
-            state[IN_CONTACT] = 0.0
-            state[FREE_TICKS] = state[APART] = 0.0
-            return RELEASE
-        return NOTHING
+        return stay_or_leave(state, settings, positions, forces, index, room)
     state[APART] += 1.0
     if state[BELOW] > 0.0:
         state[VERIFIED_FREE] = max(state[VERIFIED_FREE], position)
@@ -189,15 +270,7 @@ def detect(
             state[FREE_SEEN] = 1.0
     if state[ABOVE] >= settings[ONSET_SAMPLES]:
         if state[FREE_SEEN] > 0.0 and state[FREE_TICKS] >= settings[FREE_AIR_TICKS]:
-            state[ONSETS] += 1.0
-            noise = settings[FORCE_NOISE]
-            quiet = min(2.0 * noise, settings[RELEASE_FORCE])
-            found, variance, before = surface_at_onset(
-                positions, forces, index, int(state[APART]), noise, quiet
-            )
-            if before < settings[RELEASE_FORCE]:
-                state[MET_AT], state[MET_VARIANCE] = found, variance
-                place_surface(state, settings, found, variance, position)
+            meet_surface(state, settings, positions, forces, index)
         return begin_contact(state)
     return NOTHING
 
@@ -207,6 +280,7 @@ def detect_all(
     state: Vector,
     settings: Vector,
     rings: Matrix,
+    room: Vector,
     positions: Vector,
     forces: Vector,
     found: Vector,
@@ -218,7 +292,7 @@ def detect_all(
     count = 0
     for i in range(positions.size):
         state[MET_VARIANCE] = 0.0
-        detect(state, settings, rings[0], rings[1], positions[i], forces[i])
+        detect(state, settings, rings[0], rings[1], room, positions[i], forces[i])
         if state[MET_VARIANCE] > 0.0:
             found[count] = state[MET_AT]
             count += 1
@@ -231,5 +305,6 @@ def surfaces_met(settings: Vector, positions: Vector, forces: Vector) -> Vector:
     Contacts that begin elsewhere than in free air are left out. settings (N_DETECTION,);
     positions, forces (n,): aligned.
     """
-    state, rings, found = np.zeros(N_DETECTOR), np.zeros((2, HISTORY)), np.zeros(positions.size)
-    return found[: detect_all(state, settings, rings, positions, forces, found)]
+    state, rings, room = np.zeros(N_DETECTOR), np.zeros((2, HISTORY)), np.zeros(N_ROOM)
+    found = np.zeros(positions.size)
+    return found[: detect_all(state, settings, rings, room, positions, forces, found)]

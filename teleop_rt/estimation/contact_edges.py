@@ -96,8 +96,11 @@ def end_excursion(state: index.BankState) -> None:
 
 @kernel
 def on_edge(state: index.BankState, event: int) -> None:
-    """Handle the start or end of a contact."""
+    """Handle the start or end of a contact, or a surface that was found within one."""
     restart_contact(state)
+    if event == detection.FOUND:
+        use_surface(state)
+        return
     state.q[index.DIRECTION] = 0.0
     if event == detection.RELEASE:
         known = (

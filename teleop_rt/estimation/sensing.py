@@ -196,7 +196,7 @@ def sample_step(state: index.BankState, position: float, force: float) -> bool:
         )
     net = f - q[index.RIG_FORCE]
     event = detection.detect(
-        state.detector, state.detection, state.history[0], state.history[1], p, net
+        state.detector, state.detection, state.history[0], state.history[1], state.room, p, net
     )
     if event != detection.NOTHING:
         on_edge(state, event)

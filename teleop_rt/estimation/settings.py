@@ -12,6 +12,7 @@ import numpy as np
 from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
+from teleop_rt.contact.slow_onset import settling_weights
 from teleop_rt.estimation import layout
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
@@ -148,6 +149,11 @@ def _detection_settings(one: PipelineSettings) -> Vector:
     values[detection.FORCE_NOISE] = one.force_noise
     values[detection.RESOLUTION] = one.position_resolution
     values[detection.LETS_GO] = float(one.lets_go)
+    if one.paired_lag_s is not None and one.paired_settling_s > 0.0:
+        span = max(1, round(one.paired_settling_s / one.period_s))
+        weights = settling_weights(span)
+        values[detection.SETTLING] = span
+        values[detection.AVERAGE : detection.AVERAGE + len(weights)] = weights
     return values
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.detection import HISTORY, N_DETECTION, N_DETECTOR
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.slow_onset import N_ROOM
 from teleop_rt.contact.surface import BUFFER, N_REFIT, N_SUMS
 from teleop_rt.estimation.algebraic import N_LINEAR, N_LOG, N_TERM
 from teleop_rt.estimation.filters import CHANNEL_SIZE, LONGEST_WINDOW
@@ -97,13 +98,13 @@ class BankState:
     """Views of the record that a tick reads and writes: one allocation, fields of fixed shape.
 
     q, settings: as named above; detector, detection: contact/detection.py; rings (2, LONGEST_LAG):
-    position and force before alignment; history: aligned; filter: transition, before, now,
-    channels (N_CHANNELS, CHANNEL_SIZE), foaw; motion (N_MOTION,); windows, term_windows and
-    log_windows: algebraic.py; sums, buffer, refit: contact/surface.py; bank, bank_settings, active,
-    phi, y, lever, live: the bank's; own (parameters without offset), codes (models), regressions,
-    ready, possible, records and choice: the rows'; terms: the effects' forces at their scales,
-    starts: their shares before they are estimated, of_rig: 1 for those of the rig; frozen: rows
-    that take those; watch: watch.py.
+    position and force before alignment; history: aligned; room: what an onset is found in; filter:
+    transition, before, now, channels (N_CHANNELS, CHANNEL_SIZE), foaw; motion (N_MOTION,); windows,
+    term_windows and log_windows: algebraic.py; sums, buffer, refit: contact/surface.py; bank,
+    bank_settings, active, phi, y, lever, live: the bank's; own (parameters without offset), codes
+    (models), regressions, ready, possible, records and choice: the rows'; terms: the effects'
+    forces at their scales, starts: their shares before they are estimated, of_rig: 1 for those of
+    the rig; frozen: rows that take those; watch: watch.py.
     """
 
     q: Vector
@@ -112,6 +113,7 @@ class BankState:
     detection: Vector
     rings: Matrix
     history: Matrix
+    room: Vector
     transition: Matrix
     before: Vector
     now: Vector
@@ -153,6 +155,7 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "detection": (np.float64, (N_DETECTION,)),
     "rings": (np.float64, (2, LONGEST_LAG)),
     "history": (np.float64, (2, HISTORY)),
+    "room": (np.float64, (N_ROOM,)),
     "transition": (np.float64, (3, 3)),
     "before": (np.float64, (3,)),
     "now": (np.float64, (3,)),
