@@ -75,17 +75,17 @@ def test_an_averaged_force_places_the_surface_as_well_as_it_says(stiffness, damp
     """The tool goes on for two settling times behind the surface, at ten phases of the samples."""
     path = approach(speed, max(2e-3, 2.0 * speed * SETTLING_S))
     pipeline = Pipeline(rows_for(["kelvin-voigt"], ["direct"], ["rls"]), settings())
-    errors, told = np.zeros(20), np.zeros(20)
+    errors, stated = np.zeros(20), np.zeros(20)
     for n in range(20):
         pipeline.reset()
         feed(pipeline, *samples(path, stiffness, damping, 5 * (n // 2), seed=n))
         assert pipeline.contact.in_contact
         errors[n] = pipeline.contact.surface - SURFACE_M
         detector = pipeline.stored[0]["detector"]
-        told[n] = math.sqrt(detection.surface_variance(detector, curved=False))
+        stated[n] = math.sqrt(detection.surface_variance(detector, curved=False))
     assert abs(errors.mean()) < 1e-4
     assert np.abs(errors).max() < 5e-4, "what a trial allows"
-    assert np.sqrt(np.mean((errors / told) ** 2)) < 2.0
+    assert np.sqrt(np.mean((errors / stated) ** 2)) < 2.0
 
 
 @pytest.mark.parametrize("phase", [0, 20, 40])
