@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.recordings.recording import from_arrays
-from teleop_rt.diagnosis.samples.motion import force_noise
 from teleop_rt.diagnosis.samples.onset import onset
+from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt.diagnosis.samples.surface import surface_of
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for

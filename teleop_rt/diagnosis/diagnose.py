@@ -39,8 +39,9 @@ from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import outliers
-from teleop_rt.diagnosis.samples.motion import RecordedMotion, force_noise
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.preparation import pose, pose_again
+from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 

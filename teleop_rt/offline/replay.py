@@ -11,7 +11,7 @@ import numpy as np
 
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.motion import force_noise, quantisation_step
+from teleop_rt.diagnosis.samples.rows import force_noise, quantisation_step
 from teleop_rt.diagnosis.samples.surface import (
     doubtful_unit,
     refuse_turned,

@@ -27,9 +27,10 @@ from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import beginning, outliers, touches
-from teleop_rt.diagnosis.samples.dropouts import Stretch, dropouts, without
+from teleop_rt.diagnosis.samples.dropouts import dropouts, without
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, resolution_step
 from teleop_rt.diagnosis.samples.preparation import without_edges
+from teleop_rt.diagnosis.samples.rows import Stretch
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
 _LARGEST_SLOW_NOISE = 0.1  # of the force's deviation; no sensor or amplifier drifts by more

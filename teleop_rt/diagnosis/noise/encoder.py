@@ -17,10 +17,10 @@ from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import (
     RecordedMotion,
     differentiate,
-    quantisation_step,
     reading_noise,
     resolution_step,
 )
+from teleop_rt.diagnosis.samples.rows import quantisation_step
 from teleop_rt.diagnosis.samples.smoothing import lost_motion, moves_in_steps
 
 _JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side

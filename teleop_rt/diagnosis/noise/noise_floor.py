@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, noise_from
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.motion import force_noise
+from teleop_rt.diagnosis.samples.rows import force_noise
 
 
 def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Problem, Matrix]:

@@ -13,7 +13,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.diagnosis.recordings.table_files import read_table
 from teleop_rt.diagnosis.samples.filters import spline
-from teleop_rt.diagnosis.samples.motion import from_neighbours
+from teleop_rt.diagnosis.samples.rows import Stretch, lone, stretches
 from teleop_rt.errors import RecordingError
 from teleop_rt.section import LEAST, MOST
 
@@ -29,7 +29,6 @@ _GAP = 1.75
 _SHORT_GAP = 3
 # Interpolation alone smooths a noise by up to 0.7.
 _SMOOTHER = 0.5
-_LONE, _LONE_SHARE = 20.0, 1e-3
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ def from_arrays(
     mask = _covered(grid, t, dt)
     if float(np.mean(mask)) < 0.5:
         raise RecordingError(f"{name}: gaps make up more than half of the recording")
-    edges = np.diff(np.concatenate(([1.0], mask, [1.0])))
+    gaps = stretches(mask == 0.0)
     return Recording(
         name,
         dt,
@@ -213,8 +212,8 @@ def from_arrays(
         units,
         surface,
         None if reference is None else _resampled(grid, t, reference[good]),
-        gaps=int(np.count_nonzero(edges < 0)),
-        missing=int(np.count_nonzero(mask == 0.0)),
+        gaps=len(gaps),
+        missing=sum(past - first for first, past in gaps),
         jitter=float(np.std((t - t[0]) / dt - np.round((t - t[0]) / dt))),
     )
 
@@ -226,24 +225,6 @@ def refuse_other_units(test: Recording, recording: Recording) -> None:
             f"{recording.name}: in {' and '.join(recording.units)}, but {test.name}, on which its"
             f" error is to be computed, in {' and '.join(test.units)}: give the units with --units"
         )
-
-
-def lone(row: Vector) -> NDArray[np.bool_]:
-    """Return which samples lie far from two neighbours on either side: a slip of the reading.
-
-    No tool is there for one sample, and derivatives would spread it over many.
-    """
-    away, spread = from_neighbours(row)
-    found = away > np.maximum(_LONE * spread, _LONE_SHARE * np.ptp(row))
-    found[:2] = found[-2:] = False
-    return np.asarray(found, dtype=np.bool_)
-
-
-def without_lone(row: Vector) -> Vector:
-    """Return the row with lone samples on the line between their neighbours."""
-    bad = lone(row)
-    places = np.arange(row.size)
-    return np.interp(places, places[~bad], row[~bad])
 
 
 def _of_sense(row: Vector) -> NDArray[np.bool_]:
@@ -306,13 +287,11 @@ def _bent(position: Vector, mask: Vector) -> Vector:
     return found
 
 
-def short_gaps(mask: Vector) -> list[tuple[int, int]]:
-    """Return the first sample of each short gap and the first past it, two samples at each side."""
-    edges = np.diff(np.concatenate(([0], mask == 0.0, [0])))
-    gaps = zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
+def short_gaps(mask: Vector) -> list[Stretch]:
+    """Return the gaps of at most `_SHORT_GAP` samples with two samples at each side."""
     return [
         (first, past)
-        for first, past in gaps
+        for first, past in stretches(mask == 0.0)
         if past - first <= _SHORT_GAP
         and first >= 2
         and past + 2 <= mask.size

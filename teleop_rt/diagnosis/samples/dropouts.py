@@ -12,8 +12,8 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.samples.rows import Stretch, robust_deviation, stretches
 
-Stretch = tuple[int, int]
 _FEWEST_SAMPLES, _LEAST_S = 5, 0.01  # samples, and s: a shorter stretch is an outlier
 _DROPOUT_RATIO = 10.0  # of the residual to its usual deviation in a dropout
 _REPEATED_RATIO = 5.0  # of the same, at which further stretches show that the model is wrong
@@ -38,17 +38,16 @@ def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
     inside = touches(depth)
     left = problem.force - predict(problem, fit)
     off = np.where(counted, np.abs(left), 0.0)
-    usual = max(_usual(off[counted & side]) for side in (inside, ~inside))
+    sides = (off[counted & side] for side in (inside, ~inside))
+    usual = max((robust_deviation(row) for row in sides if row.size > _FEWEST_SAMPLES), default=0.0)
     held = scipy.ndimage.median_filter(off, width)
     crossings = np.flatnonzero(np.diff(inside))
     about, wider = round(_TOUCH_MARGIN_S / dt), width // 2 + 1
 
     def beyond(least: float) -> list[Stretch]:
-        edges = np.diff(np.concatenate(([0], held > least, [0])))
-        firsts, pasts = (np.flatnonzero(sign * edges > 0).tolist() for sign in (1, -1))
         return [
             (max(first - wider, 0), min(past + wider, off.size))
-            for first, past in zip(firsts, pasts, strict=True)
+            for first, past in stretches(held > least)
             if not np.any((crossings > first - about) & (crossings < past + about))
         ]
 
@@ -71,14 +70,9 @@ def _largest_jump(row: Vector) -> float:
     return float(np.max(np.abs(row[2:] - row[:-2]), initial=0.0))
 
 
-def _usual(off: Vector) -> float:
-    """Return a robust standard deviation, 0 of too few values."""
-    return float(np.median(off)) / 0.6745 if off.size > _FEWEST_SAMPLES else 0.0
-
-
-def without(problem: Problem, stretches: Sequence[Stretch]) -> Problem:
+def without(problem: Problem, lost: Sequence[Stretch]) -> Problem:
     """Return the problem without the samples of the stretches."""
     mask = problem.whitener.mask.copy()
-    for first, past in stretches:
+    for first, past in lost:
         mask[first:past] = 0.0
     return replace(problem, whitener=replace(problem.whitener, mask=mask))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
+from teleop_rt.diagnosis.samples.rows import Stretch, robust_deviation, stretches
 
 _SIGMAS = 5.0  # standard deviations of the noise within which a force is that of free air
 _FREE_SAMPLES = 20  # samples of free air whose median is its force
@@ -52,26 +53,23 @@ def without_contact(
     left, after = _free_levels(force, inside)
     if left.size:
         nearest = np.searchsorted(0.5 * (left[:-1] + left[1:]), np.arange(x.size))
-        stretches = _stretches(
-            inside & (np.abs(force - after[nearest]) < _SIGMAS * noise), v, fewest
-        )
+        free = inside & (np.abs(force - after[nearest]) < _SIGMAS * noise)
+        lost = _withdrawn(free, v, fewest)
     else:
-        stretches = _at_lowest_force(force, x, v, noise, fewest) if inside.all() else []
-    for first, past in stretches:
+        lost = _at_lowest_force(force, x, v, noise, fewest) if inside.all() else []
+    for first, past in lost:
         found[max(first - _BIASED_SAMPLES, 0) : past + _BIASED_SAMPLES] = 1.0
     return np.where(inside, found, 0.0)
 
 
-def _stretches(free: NDArray[np.bool_], v: Vector, fewest: int) -> list[tuple[int, int]]:
+def _withdrawn(free: NDArray[np.bool_], v: Vector, fewest: int) -> list[Stretch]:
     """Return first and past of each stretch of free samples that begins in withdrawal."""
-    edges = np.diff(np.concatenate(([0], free.astype(np.int8), [0])))
-    found = zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True)
-    return [(a, b) for a, b in found if b - a >= fewest and v[a] < 0.0]
+    return [(a, b) for a, b in stretches(free) if b - a >= fewest and v[a] < 0.0]
 
 
 def _at_lowest_force(
     force: Vector, x: Vector, v: Vector, noise: float, fewest: int
-) -> list[tuple[int, int]]:
+) -> list[Stretch]:
     """Return the stretches of lost contact of a tool that never leaves the surface.
 
     Lost contact shows as the lowest force, near the sensor's zero, and independent of the motion.
@@ -83,7 +81,7 @@ def _at_lowest_force(
     level = float(np.median(force[lowest]))
     if abs(level) > _ZERO_LEVEL_RATIO * float(np.ptp(force)):
         return []
-    stretches = _stretches(np.abs(force - level) < _SIGMAS * noise, v, fewest)
+    lost = _withdrawn(np.abs(force - level) < _SIGMAS * noise, v, fewest)
     stiffness = float(np.ptp(force)) / max(float(np.ptp(x)), 1e-300)
 
     def flat(first: int, past: int) -> bool:
@@ -97,7 +95,7 @@ def _at_lowest_force(
             return False
         return abs(float(way @ felt) / float(way @ way)) * size < noise
 
-    return stretches if any(flat(*stretch) for stretch in stretches) else []
+    return lost if any(flat(*stretch) for stretch in lost) else []
 
 
 def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:
@@ -107,8 +105,8 @@ def _wander(force: Vector, inside: NDArray[np.bool_]) -> float:
     for lag in (lag for lag in lags if lag < inside.size):
         apart = ~inside[lag:] & ~inside[:-lag]
         if np.count_nonzero(apart) >= _WANDER_LAGS * lag:
-            change = np.abs(force[lag:] - force[:-lag])[apart]
-            found.append(float(np.median(change)) / 0.6745 / np.sqrt(2.0))
+            change = (force[lag:] - force[:-lag])[apart]
+            found.append(robust_deviation(change) / np.sqrt(2.0))
     return max(found)
 
 

@@ -9,10 +9,10 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Scale, Vector
 from teleop_rt.diagnosis.samples.filters import local_polynomial
+from teleop_rt.diagnosis.samples.rows import quantisation_step, robust_deviation
 
 SMOOTHING_ORDER = 5  # of the local polynomial: a mass is off by 0.3 %, by 8 % at order 3
 MOST_REMEMBERED = 15_000_000  # values (120 MB) of rows that are kept for the next fit
@@ -130,35 +130,6 @@ def motion_of(
     return RecordedMotion(t, x, v, a, dt, scales, half)
 
 
-def quantisation_step(position: Vector) -> float:
-    """Return the encoder's step if the positions lie on a grid, else 0."""
-    distinct = np.unique(np.abs(np.diff(position)))
-    distinct = distinct[distinct > 1e-12 * max(1.0, float(np.max(np.abs(position))))]
-    if distinct.size == 0:
-        return 0.0
-    step = float(distinct[0])
-    multiples: NDArray[np.float64] = distinct[:200] / step
-    return step if float(np.max(np.abs(multiples - np.round(multiples)))) < 0.05 else 0.0
-
-
-def from_neighbours(row: Vector) -> tuple[Vector, Vector]:
-    """Return how far each sample lies from two neighbours on either side, and how far these do.
-
-    From their median, and from one another. At the ends the row goes round.
-    """
-    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
-    return np.abs(row - np.median(around, axis=0)), np.ptp(around, axis=0)
-
-
-def force_noise(force: Vector) -> float:
-    """Return the standard deviation of the force's fast noise, from third differences."""
-    third = np.diff(force, 3)
-    robust = float(np.median(np.abs(third - np.median(third)))) / 0.6745
-    if robust <= 0.0:
-        robust = float(np.std(third))
-    return robust / float(np.sqrt(20.0))
-
-
 def position_noise(position: Vector, dt: float) -> float:
     """Return the deviation of white noise with the position noise's density in the motion band."""
     deviation, apart = _noise_apart(position, dt)
@@ -229,6 +200,6 @@ def _fifth_differences(position: Vector, stride: int) -> float:
     for _ in range(5):
         change = change[stride:] - change[:-stride]
     least = _REST_CHANGE_RATIO * float(np.ptp(position))
-    moving = np.abs(change[np.abs(change) > least])
-    typical = float(np.median(moving)) if moving.size else least
-    return typical / 0.6745 / float(np.sqrt(252.0))
+    moving = change[np.abs(change) > least]
+    typical = robust_deviation(moving if moving.size else np.array([least]))
+    return typical / float(np.sqrt(252.0))

@@ -9,7 +9,8 @@ import numpy as np
 from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.least_squares import least_squares
-from teleop_rt.diagnosis.samples.motion import differentiate, force_noise
+from teleop_rt.diagnosis.samples.motion import differentiate
+from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt.diagnosis.samples.smoothing import half_window
 
 _FLAT_SLOPE_RATIO = 0.1  # slope before over after a corner; a smaller one is that of free air

@@ -10,7 +10,8 @@ import scipy
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.contact.law import touches
-from teleop_rt.diagnosis.samples.motion import RecordedMotion, from_neighbours
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.diagnosis.samples.rows import from_neighbours
 
 NAME = "outliers"
 OUTLIERS_ASIDE = (

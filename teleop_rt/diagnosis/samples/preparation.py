@@ -14,16 +14,17 @@ from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
-from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps, without_lone
+from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps
 from teleop_rt.diagnosis.samples import outliers, steps
 from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
-from teleop_rt.diagnosis.samples.motion import (
+from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
+from teleop_rt.diagnosis.samples.rows import (
     force_noise,
-    motion_of,
-    position_noise,
     quantisation_step,
-    settling,
+    robust_deviation,
+    stretches,
+    without_lone,
 )
 from teleop_rt.diagnosis.samples.smoothing import (
     HALF_WINDOWS_S,
@@ -143,16 +144,16 @@ def _beside_gaps(recording: Recording, a: Vector, resolution: float, reach: int)
     the usual motion deviates from it by no more than the encoder noise.
     """
     found = np.zeros(a.size)
-    edges = np.diff(np.concatenate(([0], recording.mask == 0.0, [0])))
-    first, past = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
-    half = 0.5 * (past - first + 1) * recording.dt
-    short = np.isin(first, [gap[0] for gap in short_gaps(recording.mask)])
     # Not the deviation: beside gaps the acceleration is spoilt itself.
-    bends = float(np.median(np.abs(np.diff(a, 2)))) / 0.6745 / recording.dt**2
-    by_cubic = bends * (half * (half + recording.dt)) ** 2 / 24.0
-    sag = np.where(short, by_cubic, float(np.std(a)) * half**2 / 2.0)
-    for i in np.flatnonzero(sag > resolution):
-        found[max(first[i] - reach, 0) : past[i] + reach] = 1.0
+    bends = robust_deviation(np.diff(a, 2)) / recording.dt**2
+    by_cubic = short_gaps(recording.mask)
+    for first, past in stretches(recording.mask == 0.0):
+        half = 0.5 * (past - first + 1) * recording.dt
+        sag = float(np.std(a)) * half**2 / 2.0
+        if (first, past) in by_cubic:
+            sag = bends * (half * (half + recording.dt)) ** 2 / 24.0
+        if sag > resolution:
+            found[max(first - reach, 0) : past + reach] = 1.0
     return found
 
 

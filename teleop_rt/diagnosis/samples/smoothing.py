@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.samples.filters import local_polynomial
-from teleop_rt.diagnosis.samples.motion import (
-    SMOOTHING_ORDER,
-    differentiate,
-    position_noise,
-    quantisation_step,
-)
+from teleop_rt.diagnosis.samples.motion import SMOOTHING_ORDER, differentiate, position_noise
+from teleop_rt.diagnosis.samples.rows import quantisation_step
 
 HALF_WINDOWS_S = (0.020, 0.015, 0.010)
 _NARROWER_S = (0.007, 0.005, 0.003)

@@ -6,9 +6,9 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
-from teleop_rt.diagnosis.recordings.recording import Recording, without_lone
-from teleop_rt.diagnosis.samples.motion import force_noise
+from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.onset import Surface, onset
+from teleop_rt.diagnosis.samples.rows import bulk, force_noise, without_lone
 from teleop_rt.errors import RecordingError
 
 _ZERO_SURFACE_SHARE = 0.25  # of the depth; a surface guessed nearer to 0 may be 0
@@ -46,7 +46,8 @@ def surface_of(recording: Recording) -> Surface:
         clear = seen is not None and seen.clear
         return seen if seen and clear else Surface(recording.surface, fixed=True)
     noise = force_noise(force)
-    level = float(np.quantile(force, 0.99) - np.quantile(force, 0.01))
+    low, high = bulk(force)
+    level = high - low
     if level < 6.0 * noise:
         raise RecordingError(
             f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise"
@@ -66,7 +67,7 @@ def surface_of(recording: Recording) -> Surface:
 
 def _refuse_turned_force(name: str, position: Vector, force: Vector, least: float) -> None:
     """Raise RecordingError if the force is negative and falls with the depth."""
-    low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
+    low, high = bulk(force)
     falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
     if falls and -low > _ONE_SIDED_RATIO * max(high, least):
         raise RecordingError(
@@ -82,12 +83,12 @@ def _refuse_both_turned(name: str, position: Vector, force: Vector, least: float
     So a contact looks where position and force both count the other way, as in a testing machine
     that counts tension positive. A force with an offset is even at small positions.
     """
-    low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
+    low, high = bulk(force)
     if -low <= _ONE_SIDED_RATIO * max(high, least):
         return
     first, last = np.quantile(position, (_END_SHARE, 1.0 - _END_SHARE))
     ends = force[position <= first], force[position >= last]
-    near, far = (float(np.ptp(np.quantile(end, (0.01, 0.99)))) for end in ends)
+    near, far = (float(np.ptp(bulk(end))) for end in ends)
     if near > _AIR_FORCE_RATIO * far:
         raise RecordingError(
             f"{name}: wrong sign? the force is {low:.3g} where the position is small and nearly"
@@ -107,7 +108,7 @@ def refuse_turned(recording: Recording) -> None:
     if float(np.ptp(position)) == 0.0 or float(np.ptp(force)) <= least:
         return
     _refuse_turned_force(name, position, force, least)
-    low, high = (float(q) for q in np.quantile(force, (0.01, 0.99)))
+    low, high = bulk(force)
     falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
     if falls and high > _ONE_SIDED_RATIO * max(-low, least):
         raise RecordingError(
@@ -157,8 +158,7 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
     if free.size < _MIN_CONTACT_SAMPLES:
         return
     in_air, in_contact = (
-        float(np.subtract(*np.quantile(f, (0.99, 0.01))))
-        for f in (free, recording.force[touches(penetration)])
+        float(np.ptp(bulk(row))) for row in (free, recording.force[touches(penetration)])
     )
     if in_air > _AIR_FORCE_RATIO * in_contact:
         raise RecordingError(

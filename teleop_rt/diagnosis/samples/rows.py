@@ -1,0 +1,81 @@
+"""Statistics of one row of samples: its noise, its steps, and stretches of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+
+MAD_PER_DEVIATION = 0.6745  # median absolute deviation of a normal distribution of deviation 1
+_GRID_SAMPLES = 200  # smallest differences that must lie on a grid of steps
+_GRID_TOLERANCE = 0.05  # of a step; a reading in steps of a number has more
+_LONE_SPREADS = 20.0  # times the range of its four neighbours: no tool moves that far and back
+_LONE_RANGE = 1e-3  # of the row's range; a smaller jump is noise
+
+Stretch = tuple[int, int]
+"""First sample, and first past the stretch."""
+
+
+def stretches(chosen: NDArray[np.bool_]) -> list[Stretch]:
+    """Return the stretches of consecutive chosen samples."""
+    edges = np.diff(np.concatenate(([0], chosen.astype(np.int8), [0])))
+    firsts, pasts = (np.flatnonzero(sign * edges > 0).tolist() for sign in (1, -1))
+    return list(zip(firsts, pasts, strict=True))
+
+
+def robust_deviation(values: Vector) -> float:
+    """Return the standard deviation about 0 by the median, which outliers do not change."""
+    return float(np.median(np.abs(values))) / MAD_PER_DEVIATION
+
+
+def bulk(row: Vector) -> tuple[float, float]:
+    """Return the quantiles of 1 and 99 %, between which a row lies but for outliers."""
+    low, high = np.quantile(row, (0.01, 0.99)).tolist()
+    return low, high
+
+
+def force_noise(force: Vector) -> float:
+    """Return the standard deviation of the force's fast noise, from third differences."""
+    third = np.diff(force, 3)
+    robust = robust_deviation(third - np.median(third)) or float(np.std(third))
+    return robust / float(np.sqrt(20.0))  # 1 + 9 + 9 + 1, squares of the binomials
+
+
+def quantisation_step(row: Vector) -> float:
+    """Return the step of the readings if they lie on a grid, else 0."""
+    distinct = np.unique(np.abs(np.diff(row)))
+    distinct = distinct[distinct > 1e-12 * max(1.0, float(np.max(np.abs(row))))]
+    if distinct.size == 0:
+        return 0.0
+    step = float(distinct[0])
+    multiples: NDArray[np.float64] = distinct[:_GRID_SAMPLES] / step
+    off = float(np.max(np.abs(multiples - np.round(multiples))))
+    return step if off < _GRID_TOLERANCE else 0.0
+
+
+def from_neighbours(row: Vector) -> tuple[Vector, Vector]:
+    """Return how far each sample lies from two neighbours on either side, and how far these do.
+
+    From their median, and from one another. At the ends the row goes round.
+    """
+    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
+    return np.abs(row - np.median(around, axis=0)), np.ptp(around, axis=0)
+
+
+def lone(row: Vector) -> NDArray[np.bool_]:
+    """Return which samples lie far from two neighbours on either side: a slip of the reading.
+
+    No tool is there for one sample, and derivatives would spread it over many.
+    """
+    away, spread = from_neighbours(row)
+    found = away > np.maximum(_LONE_SPREADS * spread, _LONE_RANGE * np.ptp(row))
+    found[:2] = found[-2:] = False
+    return np.asarray(found, dtype=np.bool_)
+
+
+def without_lone(row: Vector) -> Vector:
+    """Return the row with lone samples on the line between their neighbours."""
+    bad = lone(row)
+    places = np.arange(row.size)
+    return np.interp(places, places[~bad], row[~bad])
