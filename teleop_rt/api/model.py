@@ -18,8 +18,8 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples import outliers
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.diagnosis.samples.rows import OUTLIERS
 from teleop_rt.diagnosis.samples.surface import surface_of
 
 Fitted = tuple[FittedEffect, ...]
@@ -74,7 +74,7 @@ def model_of(place: str, document: Mapping[str, Any], known: Sequence[Effect]) -
     fitted = tuple(
         fitted_effect(place, one["name"], one.get("law", ""), one.get("parameters", {}), known)
         for one in document["effects"]
-        if one["name"] != outliers.NAME
+        if one["name"] != OUTLIERS
     )
     clamped: Clamped = bool(base.get("clamped", False))
     if clamped and base.get("clamped_with_effects", False):

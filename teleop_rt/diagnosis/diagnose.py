@@ -11,16 +11,15 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.answers import held_out
-from teleop_rt.diagnosis.answers.answer import candidates_of, effects_of, parameters_of_base
+from teleop_rt.diagnosis.answers import held_out, outliers
+from teleop_rt.diagnosis.answers.answer import base_entry, candidates_of, effects_of
 from teleop_rt.diagnosis.answers.detectable import detectable
 from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks
 from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
-from teleop_rt.diagnosis.answers.nearest import nearest
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
-from teleop_rt.diagnosis.answers.unseen import Unseen, predict_recording
+from teleop_rt.diagnosis.answers.residuals import Unseen, nearest, predict_recording
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.discrepancy import (
@@ -38,10 +37,10 @@ from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples import outliers
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.preparation import pose, pose_again
-from teleop_rt.diagnosis.samples.rows import force_noise
+from teleop_rt.diagnosis.samples.rows import OUTLIERS, force_noise
+from teleop_rt.diagnosis.samples.rows import outliers as isolated
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 
@@ -85,7 +84,7 @@ def diagnose(
     if not moves_in_steps(
         recording.position, recording.force, recording.dt
     ):  # each may leave a lone sample
-        lone = outliers.isolated(recording.force, problem.motion.x, force_noise(recording.force))
+        lone = isolated(recording.force, problem.motion.x, force_noise(recording.force))
         outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
         enter("choosing the motion that decides")
@@ -244,7 +243,7 @@ def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> D
         key: fresh[key] for key in ("verdict", "effects", "class", "base", "candidates")
     }
     for effect in found.answer["effects"]:
-        if effect["name"] == outliers.NAME:
+        if effect["name"] == OUTLIERS:
             outliers.join(answer, effect)
     return replace(found, answer=answer)
 
@@ -253,13 +252,7 @@ def _answer(found: Diagnosis, recording: Recording) -> dict[str, Any]:
     judgement = found.judgement
     return {
         "recording": recording.name,
-        "base": {
-            "model": found.base.model.base.name,
-            "clamped": found.best.model.clamped,
-            "clamped_with_effects": found.best.model.clamped_with_effects,
-            "parameters": parameters_of_base(found.best, found.problem, found.input_errors,
-                                              recording.units),
-        },
+        "base": base_entry(found.best, found.problem, found.input_errors, recording.units),
         "verdict": judgement.verdict,
         "effects": effects_of(found.problem, found.base, judgement, found.input_errors,
                               recording.units),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from teleop_rt.diagnosis.answers.outliers import of_motion
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.outliers import of_motion
 
 
 def moved() -> RecordedMotion:

@@ -54,33 +54,37 @@ def covariance(problem: Problem, fit: Fit, floor: Matrix) -> Matrix:
     return found
 
 
-def _entry(value: float, variance: float, unit: str) -> dict[str, Any]:
+def entry(value: float, variance: float, unit: str) -> dict[str, Any]:
+    """Return a parameter with its standard deviation."""
     deviation = float(np.sqrt(variance)) if variance >= 0.0 else float("nan")
     return {"value": finite(value), "std": finite(deviation), "unit": unit}
 
 
-def parameters_of_base(
-    fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]
-) -> dict[str, Any]:
-    """Return the base's parameters; one that is not significantly above zero is marked."""
+def base_entry(fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]) -> dict[str, Any]:
+    """Return the base as it was fitted; a parameter not significantly above zero is marked."""
     spread = covariance(problem, fit, floor)
     found: dict[str, Any] = {}
     for i, linear in enumerate(fit.model.linear):
         if linear.owner >= 0:
             continue
-        entry = _entry(float(fit.theta[i]), float(spread[i, i]), fill(linear.unit, units))
-        deviation = entry["std"]
+        one = entry(float(fit.theta[i]), float(spread[i, i]), fill(linear.unit, units))
+        deviation = one["std"]
         if linear.nonnegative and (deviation is None or fit.theta[i] < 2.0 * deviation):
-            entry["note"] = "not identified"
-        found[linear.name] = entry
+            one["note"] = "not identified"
+        found[linear.name] = one
     place = len(fit.model.linear)
     if fit.model.base.has_power:
-        found["n"] = _entry(float(fit.zeta[0]), float(spread[place, place]), "1")
+        found["n"] = entry(float(fit.zeta[0]), float(spread[place, place]), "1")
         place += 1
     if fit.model.base.finds_surface:
         surface = problem.surface - fit.model.shift(fit.zeta)
-        found["surface"] = _entry(surface, float(spread[place, place]), units[0])
-    return found
+        found["surface"] = entry(surface, float(spread[place, place]), units[0])
+    return {
+        "model": fit.model.base.name,
+        "clamped": fit.model.clamped,
+        "clamped_with_effects": fit.model.clamped_with_effects,
+        "parameters": found,
+    }
 
 
 def parameters_of_effect(
@@ -96,21 +100,41 @@ def parameters_of_effect(
         size = float(np.hypot(sine, cosine))
         along = np.array([sine, cosine]) / max(size, 1e-300)
         across = np.array([-cosine, sine]) / max(size**2, 1e-300)
-        found[effect.amplitude.name] = _entry(size, float(along @ block @ along), unit)
+        found[effect.amplitude.name] = entry(size, float(along @ block @ along), unit)
         angle = next(shape for shape in effect.shapes if shape.phase)
-        found[angle.name] = _entry(
+        found[angle.name] = entry(
             float(np.arctan2(cosine, sine)), float(across @ block @ across), angle.unit
         )
     elif linear:
         i = linear[0]
-        found[effect.amplitude.name] = _entry(float(fit.theta[i]), float(spread[i, i]), unit)
+        found[effect.amplitude.name] = entry(float(fit.theta[i]), float(spread[i, i]), unit)
     offset = len(fit.model.linear)
     for j, coordinate in enumerate(fit.model.coordinates):
         if coordinate.owner == member:
             shape = coordinate.shape
             variance = float(spread[offset + j, offset + j])
-            found[shape.name] = _entry(float(fit.zeta[j]), variance, fill(shape.unit, units))
+            found[shape.name] = entry(float(fit.zeta[j]), variance, fill(shape.unit, units))
     return found
+
+
+def effect_entry(
+    effect: Effect,
+    parameters: dict[str, Any],
+    explains: float | None = None,
+    absorbed: float | None = None,
+) -> dict[str, Any]:
+    """Return an effect that was found; see `FoundEffect` for its keys."""
+    return {
+        "name": effect.name,
+        "law": effect.law,
+        "family": effect.family,
+        "belongs_to": effect.belongs_to,
+        "parameters": parameters,
+        "explains": None if explains is None else round(explains, 4),
+        "absorbed_by_base": absorbed,
+        "compensation": effect.compensation,
+        "sentence": effect.sentence,
+    }
 
 
 def effects_of(
@@ -123,17 +147,12 @@ def effects_of(
     spread = covariance(problem, best.fit, floor)
     whole = share_explained(best, judgement)
     return [
-        {
-            "name": effect.name,
-            "law": effect.law,
-            "family": effect.family,
-            "belongs_to": effect.belongs_to,
-            "parameters": parameters_of_effect(best.fit, i, effect, spread, units),
-            "explains": round(whole * _share(problem, base, best.fit, i), 4),
-            "absorbed_by_base": _absorbed(problem, base, best.fit, i),
-            "compensation": effect.compensation,
-            "sentence": effect.sentence,
-        }
+        effect_entry(
+            effect,
+            parameters_of_effect(best.fit, i, effect, spread, units),
+            whole * _share(problem, base, best.fit, i),
+            _absorbed(problem, base, best.fit, i),
+        )
         for i, effect in enumerate(best.fit.model.effects)
     ]
 

@@ -1,15 +1,22 @@
-"""The residuals of a diagnosis along its motion, as its figures show them."""
+"""Residuals along the motion, as figures show them, and the prediction of another recording."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.held_out import counted, predict
+from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks, on_record
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.inference.verdict import explains, family_of
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.noise.noise_floor import noise_floor, with_own_noise
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.preparation import pose_again
+from teleop_rt.metrics import nrmse
 
 
 @dataclass(frozen=True)
@@ -34,21 +41,85 @@ class Residuals:
         return {"before": self.before} | ({} if self.after is None else {"after": self.after})
 
 
+def _residuals(
+    problem: Problem, where: Vector, before: Vector, after: Vector | None, units: tuple[str, str]
+) -> Residuals:
+    """Return the residuals of predictions (samples,) where they count."""
+    motion, some = problem.motion, np.flatnonzero(where > 0.0)
+    later = None if after is None else (problem.force - after)[some]
+    rows = (motion.t[some], motion.x[some], motion.v[some], (problem.force - before)[some])
+    return Residuals(*rows, later, motion.dt, units)
+
+
 def residuals_of(found: Diagnosis, units: tuple[str, str], drafted: Fit | None = None) -> Residuals:
     """Return the residuals of a diagnosis; `drafted` takes the place of its best fit."""
-    problem, motion = found.problem, found.problem.motion
-    where = np.flatnonzero(counted(problem, found.base) > 0.0)
+    problem = found.problem
     later = drafted or (found.best if found.judgement.sets else None)
+    where = held_out.counted(problem, found.base)
+    before = held_out.predict(problem, found.base)
+    after = None if later is None else held_out.predict(problem, later)
+    return _residuals(problem, where, before, after, units)
 
-    def left(fit: Fit) -> Vector:
-        return np.asarray((problem.force - predict(problem, fit))[where], dtype=np.float64)
 
-    return Residuals(
-        t=motion.t[where],
-        x=motion.x[where],
-        v=motion.v[where],
-        before=left(found.base),
-        after=None if later is None else left(later),
-        dt=motion.dt,
-        units=units,
-    )
+@dataclass(frozen=True)
+class Unseen:
+    """Another recording as a problem, and its force as two fits predict it, with its `units`."""
+
+    problem: Problem
+    predicted: HeldOut
+    units: tuple[str, str]
+
+    @property
+    def errors(self) -> dict[str, Any]:
+        """The answer's `error`, before and after."""
+        return errors_of(self.predicted, self.problem.motion.dt)
+
+    @property
+    def residuals(self) -> Residuals:
+        """The residuals before and after, of the samples that count."""
+        of = self.predicted
+        return _residuals(self.problem, of.where, of.before, of.after, self.units)
+
+
+def predict_recording(
+    test: Recording,
+    base: Fit,
+    best: Fit,
+    like: Problem,
+    surface: float | None,
+    in_air: tuple[Fit, ...] = (),
+) -> Unseen:
+    """Return the prediction of a recording by a base alone and by the best model.
+
+    It is prepared as the problem `like` was; `surface` overrides its own [rig unit]. For fits
+    `in_air` see `noise_floor`.
+    """
+    fresh, rows = with_own_noise(pose_again(test, best.model.base, surface, like), best, test)
+    noise = noise_floor(fresh, best, rows, held_out.counted(fresh, best), in_air)
+    return Unseen(fresh, on_record(fresh, base, best, noise), test.units)
+
+
+def nearest(
+    found: Diagnosis, test: Recording | None, surface: float | None = None
+) -> dict[str, Any] | None:
+    """Return the best candidate where no set is an answer; see `Nearest` for its keys.
+
+    Errors are on `test`, or on held-out blocks without one. None where there is no candidate.
+    """
+    if not found.candidates:
+        return None
+    best, problem = found.candidates[0], found.problem
+    if test is None:
+        unseen = on_blocks(problem, problem, found.base, best.fit, 0.0)
+    else:
+        problem = pose_again(test, best.fit.model.base, surface, problem)
+        unseen = on_record(problem, found.base, best.fit, 0.0)
+    where = unseen.where > 0.0
+    before, after = (nrmse(unseen.force[where], p[where]) for p in (unseen.before, unseen.after))
+    return {
+        "effects": list(best.fit.names),
+        "family": family_of(best),
+        "share": round(explains(best, found.judgement.excess), 4),
+        "before": before,
+        "after": after,
+    }

@@ -10,9 +10,14 @@ import numpy as np
 
 from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis.answers import held_out
-from teleop_rt.diagnosis.answers.answer import covariance, parameters_of_base, parameters_of_effect
+from teleop_rt.diagnosis.answers.answer import (
+    base_entry,
+    covariance,
+    effect_entry,
+    parameters_of_effect,
+)
 from teleop_rt.diagnosis.answers.errors import errors_of, on_blocks
-from teleop_rt.diagnosis.answers.unseen import Unseen, predict_recording
+from teleop_rt.diagnosis.answers.residuals import Unseen, predict_recording
 from teleop_rt.diagnosis.draft.choice import Law, law_of
 from teleop_rt.diagnosis.draft.declaration import FILE, NAME, write
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
@@ -39,17 +44,8 @@ class Drafted:
         effect = self.fit.model.effects[-1]
         member = len(self.fit.model.effects) - 1
         spread = covariance(self.found.problem, self.fit, self.found.input_errors)
-        return {
-            "name": effect.name,
-            "law": effect.law,
-            "family": effect.family,
-            "belongs_to": effect.belongs_to,
-            "parameters": parameters_of_effect(self.fit, member, effect, spread, self.units),
-            "explains": round(self._explains, 4),
-            "absorbed_by_base": None,
-            "compensation": effect.compensation,
-            "sentence": effect.sentence,
-        }
+        parameters = parameters_of_effect(self.fit, member, effect, spread, self.units)
+        return effect_entry(effect, parameters, self._explains)
 
     @property
     def _explains(self) -> float:
@@ -64,16 +60,7 @@ class Drafted:
     @property
     def base(self) -> dict[str, Any]:
         """The base beside the law, as in the answer."""
-        parameters = parameters_of_base(
-            self.fit, self.found.problem, self.found.input_errors, self.units
-        )
-        model = self.fit.model
-        return {
-            "model": model.base.name,
-            "clamped": model.clamped,
-            "clamped_with_effects": model.clamped_with_effects,
-            "parameters": parameters,
-        }
+        return base_entry(self.fit, self.found.problem, self.found.input_errors, self.units)
 
     def errors_on(self, test: Recording, surface: float | None = None) -> dict[str, Any]:
         """Return the answer's `error` of the base alone and with the law, on another recording."""

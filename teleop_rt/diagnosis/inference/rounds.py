@@ -26,11 +26,11 @@ from teleop_rt.diagnosis.noise.structure import lack_of_fit, noise_from, tangent
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples import beginning, outliers, touches
+from teleop_rt.diagnosis.samples import beginning, touches
 from teleop_rt.diagnosis.samples.dropouts import dropouts, without
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, resolution_step
 from teleop_rt.diagnosis.samples.preparation import without_edges
-from teleop_rt.diagnosis.samples.rows import Stretch
+from teleop_rt.diagnosis.samples.rows import OUTLIERS, Stretch
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
 _LARGEST_SLOW_NOISE = 0.1  # of the force's deviation; no sensor or amplifier drifts by more
@@ -208,7 +208,7 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     rotary = recording.units[0] == "rad"
 
     def possible(effect: Effect) -> bool:
-        if effect.name == outliers.NAME or (effect.name == "gravity_torque" and not rotary):
+        if effect.name == OUTLIERS or (effect.name == "gravity_torque" and not rotary):
             return False
         if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
             return False

@@ -15,12 +15,13 @@ from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps
-from teleop_rt.diagnosis.samples import outliers, steps
+from teleop_rt.diagnosis.samples import steps
 from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
 from teleop_rt.diagnosis.samples.rows import (
     force_noise,
+    outliers,
     quantisation_step,
     robust_deviation,
     stretches,
@@ -97,7 +98,7 @@ def problem_of(
     mask[: 2 * half] = mask[-2 * half :] = 0.0
     if base.touches and not fresh:
         mask[: _unknown_history(motion.x)] = 0.0
-    mask *= 1.0 - outliers.isolated(recording.force, motion.x, noise)
+    mask *= 1.0 - outliers(recording.force, motion.x, noise)
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position, recording.dt))
         shortest = 1 if in_steps else FEWEST_FREE_SAMPLES

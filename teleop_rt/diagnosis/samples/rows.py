@@ -6,12 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 
+OUTLIERS = "outliers"  # name of the effect of isolated wrong samples
 MAD_PER_DEVIATION = 0.6745  # median absolute deviation of a normal distribution of deviation 1
 _GRID_SAMPLES = 200  # smallest differences that must lie on a grid of steps
 _GRID_TOLERANCE = 0.05  # of a step; a reading in steps of a number has more
 _LONE_SPREADS = 20.0  # times the range of its four neighbours: no tool moves that far and back
 _LONE_RANGE = 1e-3  # of the row's range; a smaller jump is noise
+_OUTLIER_SIGMAS = (
+    8.0  # standard deviations of the noise; a sample farther from its neighbours is wrong
+)
+_SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
 
 Stretch = tuple[int, int]
 """First sample, and first past the stretch."""
@@ -79,3 +85,18 @@ def without_lone(row: Vector) -> Vector:
     bad = lone(row)
     places = np.arange(row.size)
     return np.interp(places, places[~bad], row[~bad])
+
+
+def outliers(force: Vector, x: Vector, noise: float) -> Vector:
+    """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
+
+    The neighbours must agree among themselves and lie on one side of the surface, so neither an
+    impact nor a step is an outlier.
+    """
+    away, spread = from_neighbours(force)
+    found = (away > _OUTLIER_SIGMAS * noise) & (spread < 0.5 * away)
+    inside = touches(x)
+    for shift in range(-_SURFACE_SAMPLES, _SURFACE_SAMPLES + 1):
+        found &= np.roll(inside, shift) == inside
+    found[:_SURFACE_SAMPLES] = found[-_SURFACE_SAMPLES:] = False
+    return np.asarray(found, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Isolated wrong samples of the force: found, masked, and named when there are enough of them."""
+"""Isolated wrong samples of the force as an effect of the answer."""
 
 from __future__ import annotations
 
@@ -9,35 +9,17 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
-from teleop_rt.contact.law import touches
+from teleop_rt.diagnosis.answers.answer import effect_entry, entry
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import from_neighbours
+from teleop_rt.diagnosis.samples.rows import OUTLIERS
 
-NAME = "outliers"
 OUTLIERS_ASIDE = (
     "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"
     " out; they do not explain the residual: check the sensor's cable and shielding"
 )
-_SIGMAS = 8.0  # standard deviations of the noise; a sample farther from its neighbours is wrong
-_SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
 _FEWEST_OUTLIERS = 3  # wrong samples that make an effect
 _SMALLEST_SHARE = 2e-4  # of all samples; fewer outliers are no effect
 _LEAST_P_VALUE = 1e-4  # below it, the outliers depend on the motion
-
-
-def isolated(force: Vector, x: Vector, noise: float) -> Vector:
-    """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
-
-    The neighbours must agree among themselves and lie on one side of the surface, so neither an
-    impact nor a step is an outlier.
-    """
-    away, spread = from_neighbours(force)
-    found = (away > _SIGMAS * noise) & (spread < 0.5 * away)
-    inside = touches(x)
-    for shift in range(-_SURFACE_SAMPLES, _SURFACE_SAMPLES + 1):
-        found &= np.roll(inside, shift) == inside
-    found[:_SURFACE_SAMPLES] = found[-_SURFACE_SAMPLES:] = False
-    return np.asarray(found, dtype=np.float64)
 
 
 def of_motion(found: Vector, motion: RecordedMotion) -> bool:
@@ -62,19 +44,8 @@ def effect_of(found: Vector) -> dict[str, Any] | None:
     share = count / found.size
     if count < _FEWEST_OUTLIERS or share < _SMALLEST_SHARE:
         return None
-    effect = find(NAME)
     deviation = float(np.sqrt(share * (1.0 - share) / found.size))
-    return {
-        "name": effect.name,
-        "law": effect.law,
-        "family": effect.family,
-        "belongs_to": effect.belongs_to,
-        "parameters": {"share": {"value": share, "std": deviation, "unit": "1"}},
-        "explains": None,
-        "absorbed_by_base": None,
-        "compensation": effect.compensation,
-        "sentence": effect.sentence,
-    }
+    return effect_entry(find(OUTLIERS), {"share": entry(share, deviation**2, "1")})
 
 
 def add_to(answer: dict[str, Any], found: Vector, motion: RecordedMotion) -> None:
