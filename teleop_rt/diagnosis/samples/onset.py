@@ -28,10 +28,8 @@ _ONSET_QUANTILE = 0.25  # of the corners: memory and delay make most of them too
 _ENOUGH_SAMPLES = 1000  # of an approach; more are decimated, to save time
 _MOST_APPROACHES = 12  # evenly chosen ones; more are left out, to save time
 _CLEAR_SIGMAS = 10.0  # standard deviations of the force noise that a rise must exceed
-_SLOPE_RATIO = 5.0  # slope after over before a corner, and jump over variation, of a contact
+_SLOPE_RATIO = 5.0  # slope after over before a corner of a contact
 _SLOPE_SIGMAS = 3.0  # standard deviations of a slope that few samples leave possible
-_JUMP_WINDOW = 0.2  # of the way beyond a corner over which a jump is extrapolated to it
-_MOVING_SPEED_RATIO = 0.3  # of the speed after a corner; slower samples before it are rests
 _AIR_WAY_SHARE = 0.8  # of the way to the farthest withdrawal that an approach must cover
 _MOST_SAMPLES = 4000  # of a recording; more are decimated, to save time
 _FRICTION_SPEED_RATIO = 0.02  # of the speed's deviation, over which dry friction reverses
@@ -182,11 +180,12 @@ def _first_touch(position: Vector, force: Vector, dt: float, onset: float) -> Su
             every = max(1, rows.shape[1] // _ENOUGH_SAMPLES)
             corner, before, after = _corner(*rows[:, ::every])
             rise = after * (float(rows[0, -1]) - corner)
-            lowest = max(_CLEAR_SIGMAS * noise, _LEAST_RISE * level * share)
-            least = max(lowest, _SLOPE_RATIO * _steepest_slope(rows, corner, before, noise) * way)
-            if rows.shape[1] >= _FEWEST_SAMPLES and (
-                rise > least or _force_jump(rows, corner) > lowest
-            ):
+            least = max(
+                _CLEAR_SIGMAS * noise,
+                _LEAST_RISE * level * share,
+                _SLOPE_RATIO * _steepest_slope(rows, corner, before, noise) * way,
+            )
+            if rows.shape[1] >= _FEWEST_SAMPLES and rise > least:
                 corners.append(corner)
         if not corners:
             break
@@ -202,29 +201,6 @@ def _steepest_slope(rows: Vector, corner: float, slope: float, noise: float) -> 
     before = rows[0, rows[0] <= corner]
     spread = float(np.linalg.norm(before - np.mean(before)))
     return abs(slope) + _SLOPE_SIGMAS * noise / spread if spread > 0.0 else np.inf
-
-
-def _force_jump(rows: Vector, corner: float) -> float:
-    """Return the jump of the force at a corner, 0 if the force varied as much before.
-
-    The force of a damper or a heavy tool jumps at the touch and may fall while that of the spring
-    rises. A spring alone raises the force beyond the corner; this rise is subtracted. Samples at
-    rest are left out, because a damper's force also starts when the tool leaves a rest inside the
-    body.
-    """
-    soon = corner + _JUMP_WINDOW * (float(np.max(rows[0])) - corner)
-    near = (rows[0] > corner) & (rows[0] < soon)
-    moving = rows[1] > _MOVING_SPEED_RATIO * (
-        float(np.median(rows[1, near])) if near.any() else np.inf
-    )
-    before, beyond = rows[2, (rows[0] <= corner) & moving], rows[2, near]
-    if min(before.size, beyond.size) < _FEWEST_SAMPLES // 3:
-        return 0.0
-    lines = np.array([np.ones_like(beyond), rows[0, near] - corner])
-    at_once = float(np.linalg.lstsq(lines.T, beyond, rcond=None)[0][0])
-    jump = min(float(np.mean(beyond)), at_once) - float(np.median(before))
-    varied = float(np.subtract(*np.quantile(before, (0.85, 0.15))))
-    return jump if jump > _SLOPE_RATIO * varied else 0.0
 
 
 def _approaches(position: Vector, onset: float, way: float) -> list[tuple[int, int]]:
