@@ -19,7 +19,7 @@ from teleop_rt_dev.paths import SILICONE
 
 @pytest.fixture(scope="module")
 def simulated():
-    return [chapter4.simulate(case) for case in chapter4.cases(duration_s=4.0)]
+    return [chapter4.simulate(case) for case in chapter4.cases(duration_s=2.0)]
 
 
 @pytest.fixture(scope="module")
