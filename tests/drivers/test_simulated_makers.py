@@ -35,10 +35,10 @@ class Table:
 
 
 class Bench:
-    """A simulated drive of a preset's config on a table; `said` is what it sends."""
+    """A simulated drive of a preset, or of a rig, on a table; `said` is what it sends."""
 
-    def __init__(self, kind, **state):
-        part = load(kind).axis.parts["drive"]
+    def __init__(self, rig, **state):
+        part = (load(rig) if isinstance(rig, str) else rig).axis.parts["drive"]
         self.config = part.model_dump()
         self.table = Table(**state)
         self.said = []

@@ -225,7 +225,7 @@ class SimulatedTyped(Motor):
     def _write(self, index: int, value: bytes) -> None:
         if index == 0x7005:
             self.run_mode = value[0]
-        elif index == 0x7028:
+        elif index == 0x7028 and self.tops != CYBERGEAR:  # whose manual has no time-out
             self.timeout_ns = int.from_bytes(value, "little") * 50_000
 
     def _answer(self) -> None:
