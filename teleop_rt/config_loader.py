@@ -78,6 +78,8 @@ def load_rig(path: Path, axis_schemas: AxisSchemas) -> RigConfig:
     return rig
 
 
+OVERRIDE = "--set "
+"""Beginning of the place of a value from the command line."""
 FORMAT = 1
 """The format of trials and rigs that this version reads; a file that names none is of this one."""
 
@@ -109,10 +111,17 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
     if not isinstance(named, str):
         return
     file = path.parent / named
+    if document.place(keys).startswith(OVERRIDE) and _is_file(here := Path.cwd() / named):
+        if _is_file(file) and not file.samefile(here):
+            message = f"{'.'.join(keys)}: both {file} and {here}: give the whole path of one"
+            raise ConfigError([Problem(document.place(keys), message)])
+        file = here
     if key == "rig" and not _is_file(file) and named in example_names("rigs"):
         file = example("rigs", named)
     if not _is_file(file):
         message = f"{'.'.join(keys)}: no file {file}: the path is relative to the trial file"
+        if document.place(keys).startswith(OVERRIDE):
+            message += ", or to the folder where you are"
         if key == "rig" and file.name == named:
             message += f"; {meant(named, ('rigs',))}"
         raise ConfigError([Problem(document.place(keys), message)])
@@ -133,19 +142,19 @@ def _is_file(path: Path) -> bool:
 def _override(document: Document, override: str) -> None:
     dotted, separator, text = override.partition("=")
     if not separator or not dotted:
-        raise ConfigError([Problem(f"--set {override}", "write key.path=value")])
+        raise ConfigError([Problem(OVERRIDE + override, "write key.path=value")])
     keys = dotted.split(".")
     section = document.data
     for depth, key in enumerate(keys[:-1]):
         section = section.setdefault(key, {})
         if not isinstance(section, dict):
             message = f"{'.'.join(keys[: depth + 1])} is a value, it has no keys below it"
-            raise ConfigError([Problem(f"--set {override}", message)])
+            raise ConfigError([Problem(OVERRIDE + override, message)])
     section[keys[-1]] = parse_scalar(text)
     path = tuple(keys)
     for place in [place for place in document.places if place[: len(path)] == path]:
         del document.places[place]
-    document.places[path] = f"--set {override}"
+    document.places[path] = OVERRIDE + override
 
 
 def _units(document: Document) -> Units | None:

@@ -74,6 +74,23 @@ def problems_of(folder: Path, trial: str = TRIAL, rig: str = RIG, overrides=()) 
     return [str(problem).replace(f"{folder}/", "") for problem in caught.value.problems]
 
 
+def test_a_rig_of_an_override_is_found_from_where_one_is(tmp_path, monkeypatch):
+    trial = write(tmp_path)
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "own.yaml").write_text(RIG.replace("name: bench", "name: own"))
+    monkeypatch.chdir(here)
+    assert load_trial(trial, AXES, PLANTS, ["rig=own.yaml"]).rig.name == "own"
+    assert load_trial(trial, AXES, PLANTS, ["rig=rig.yaml"]).rig.name == "bench"
+    (here / "rig.yaml").write_text(RIG)
+    assert load_trial(trial, AXES, PLANTS).rig.name == "bench", "the trial's own means its folder"
+    (found,) = problems_of(tmp_path, overrides=["rig=rig.yaml"])
+    both = "rig: both rig.yaml and here/rig.yaml: give the whole path of one"
+    assert found == f"--set rig=rig.yaml: {both}"
+    (found,) = problems_of(tmp_path, overrides=["rig=none.yaml"])
+    assert "relative to the trial file, or to the folder where you are" in found
+
+
 def test_a_trial_is_loaded_with_its_rig_and_driver_sections(tmp_path):
     trial = load_trial(write(tmp_path), AXES, PLANTS)
     assert trial.rig.limits.position_max == 0.05

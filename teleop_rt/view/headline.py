@@ -93,6 +93,13 @@ def _model(run: Run, grade: Grade) -> Tile:
     return Tile("Model", grade, model_name(chosen["model"]), lines)
 
 
+UNSAFE_STEP = (
+    "the rig's file allows this by unsafe_i_know: fit what is missing and take its word out of the"
+    " list, or watch the axis yourself"
+)
+"""Next step for a missing safeguard: the red mark stays as long as it is missing."""
+
+
 def safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
     """Return the tile of the safeguards: fault, limited commands and what the rig lacks."""
     recorded = summary["safety"]
@@ -106,7 +113,7 @@ def safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
         )
     unsafe = tuple(f"unsafe: {sentence}" for sentence in recorded.get("unsafe") or ())
     if unsafe and fault["code"] == 0:
-        return Tile("Safety", grade, "goes without a safeguard", (*unsafe, *lines))
+        return Tile("Safety", grade, "goes without a safeguard", (*unsafe, UNSAFE_STEP, *lines))
     lines += unsafe
     if fault["code"] == 0:
         return Tile("Safety", grade, "no fault", tuple(lines))

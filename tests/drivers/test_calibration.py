@@ -15,6 +15,7 @@ from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.calibration import work
 from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.rig_file import rewrite, with_values
 from teleop_rt_drivers.calibration.weights import CalibrationError, Reading, fit_weights
@@ -158,6 +159,20 @@ def test_the_scale_is_found_without_hardware_by_simulated_weights(tmp_path, call
     assert found["noise"] == pytest.approx(0.05, abs=0.015)
     force = load_rig(file, registry.AXIS_SCHEMAS).axis.parts["sensor"].force
     assert force.scale == pytest.approx(2.0e-4, rel=0.005)
+    assert found["keys"]["axis.parts.sensor.force.scale_N_per_unit"] == force.scale
+
+
+def test_keys_are_printed_with_the_digits_that_are_written(tmp_path, capsys):
+    file = tmp_path / "rig.yaml"
+    file.write_text(CELL.read_text())
+    keys = {("sensors", "force_lag_ms"): 27.123456789, ("sensors", "force_settling_ms"): 50}
+    work._finish(file, keys, {"lag_ms": 27.123456789}, write=True, as_json=False)
+    printed = capsys.readouterr().out
+    lines = [line.strip() for line in file.read_text().splitlines()]
+    for key in ("force_lag_ms", "force_settling_ms"):
+        (written,) = (line.partition("#")[0].strip() for line in lines if line.startswith(key))
+        assert f"sensors.{written}\n" in printed
+    assert "lag_ms         27.1235\n" in printed
 
 
 def test_what_a_trial_does_not_simulate_is_named(tmp_path, call):

@@ -101,6 +101,7 @@ def test_a_safeguard_that_the_rig_goes_without_is_a_red_tile(good):
     tile = headline.safety(summary, grades(summary)["safety"])
     assert tile.grade == "bad"
     assert f"unsafe: {missing}" in tile.lines
+    assert headline.UNSAFE_STEP in tile.lines
     assert COLOURS["bad"] == "bold red"
 
 

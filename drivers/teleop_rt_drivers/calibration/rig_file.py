@@ -17,14 +17,16 @@ KeyPath = tuple[str, ...]
 def with_values(text: str, values: Mapping[KeyPath, float | str]) -> str:
     """Return the text with these values; a key that is missing is added to its section.
 
-    A whole number is written as it is, another one with six digits.
-
     Raises CalibrationError for a section that is not there.
     """
     for path, value in values.items():
-        written = f"{value:.6g}" if isinstance(value, float) else str(value)
-        text = _with_value(text, path, written)
+        text = _with_value(text, path, as_written(value))
     return text
+
+
+def as_written(value: float | str) -> str:
+    """Return a value's text: a whole number as it is, another one with six digits."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _with_value(text: str, path: KeyPath, value: str) -> str:

@@ -18,7 +18,7 @@ from teleop_rt_drivers.calibration.device_motion import TOO_FAR, swing
 from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys, drivetrain_of, torque_lag_keys
 from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.lag import find_lag
-from teleop_rt_drivers.calibration.rig_file import KeyPath, rewrite
+from teleop_rt_drivers.calibration.rig_file import KeyPath, as_written, rewrite
 from teleop_rt_drivers.calibration.table import Ask, free_device, with_weights
 from teleop_rt_drivers.calibration.torque_lag import find_torque_lag
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
@@ -171,14 +171,15 @@ def _finish(
     write: bool,
     as_json: bool,
 ) -> None:
-    """Print what was found, and write it where that is asked for."""
-    named = {".".join(path): value for path, value in keys.items()}
+    """Print what was found, and the keys as they are written where that is asked for."""
+    named = {".".join(path): as_written(value) for path, value in keys.items()}
     kept = rewrite(file, keys) if write else None
     if as_json:
-        print(json.dumps({**results, "keys": named, "kept": None if kept is None else str(kept)}))
+        numbers = {name: float(text) for name, text in named.items()}
+        print(json.dumps({**results, "keys": numbers, "kept": None if kept is None else str(kept)}))
         return
     for name, value in results.items():
-        print(f"{name:14} {value:.6g}" if isinstance(value, float) else f"{name:14} {value}")
-    for name, value in named.items():
-        print(f"{name}: {value:.6g}")
+        print(f"{name:14} {as_written(value)}")
+    for name, text in named.items():
+        print(f"{name}: {text}")
     print(f"written; the old file is {kept}" if kept else "nothing was written: --write does")
