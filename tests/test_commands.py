@@ -144,6 +144,36 @@ def test_what_runs_beside_the_loop_loads_neither_solvers_nor_drivers():
     assert modules.isdisjoint({*HEAVY, *DEVICES})
 
 
+A_SLAVE = """
+import sys, tempfile
+from pathlib import Path
+import teleop_rt.cli.side_mains
+print(*sys.modules)
+from teleop_rt.cli.wiring import load_trial_file, open_bench
+from teleop_rt.shipped import example
+from teleop_rt.trial.lockstep_run import LockstepTrial
+trial = example("trials", "silicone_cube")
+with tempfile.TemporaryDirectory() as session:
+    world = LockstepTrial(load_trial_file(trial, []), trial.parent, open_bench, Path(session))
+    world.slave.configure()
+    while world.slave.safety.state.name != "RUN":
+        world.step()
+print(*sys.modules)
+"""
+
+
+def test_a_slave_that_runs_has_loaded_nothing_that_draws_prints_tables_or_fits():
+    done = subprocess.run(
+        [sys.executable, "-c", A_SLAVE], capture_output=True, text=True, check=True
+    )
+    begun, running = (set(line.split()) for line in done.stdout.splitlines())
+    assert "teleop_rt.slave.slave" in begun
+    unwanted = {"scipy", "statsmodels", "matplotlib", "bokeh", "jinja2", "pandas", "coverage"}
+    unwanted |= {"teleop_rt.view", "teleop_rt.diagnosis"}
+    assert running & unwanted == set()
+    assert begun & {*unwanted, "rich"} == set()  # the log of a whole run prints by it
+
+
 def test_what_the_help_says_of_a_command_is_what_the_command_says_of_itself():
     for name, command in app.load_all().items():
         first_paragraph = " ".join((command.help or "").split("\n\n")[0].split())

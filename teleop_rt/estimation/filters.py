@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
@@ -102,7 +101,9 @@ def kalman_filter(cutoff_hz: float, period_s: float) -> Differentiator:
     A = np.array([[1.0, T, T * T / 2.0], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
     jerk = np.array([T**3 / 6.0, T * T / 2.0, T])
     H = np.array([[1.0, 0.0, 0.0]])
-    predicted = scipy.linalg.solve_discrete_are(A.T, H.T, w**6 * np.outer(jerk, jerk), np.eye(1))
+    from scipy import linalg  # noqa: PLC0415 - a daemon on the state-variable filter needs it not
+
+    predicted = linalg.solve_discrete_are(A.T, H.T, w**6 * np.outer(jerk, jerk), np.eye(1))
     gain = (predicted @ H.T / (H @ predicted @ H.T + 1.0))[:, 0]
     transition = (np.eye(3) - np.outer(gain, H)) @ A
     return _linear(transition, np.zeros(3), gain, cutoff_hz, period_s)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.realtime.alarms import of_helper, of_recorder
@@ -122,13 +119,12 @@ class PlainEvents:
 
     def __init__(self, side: str) -> None:
         self._side = side
-        self._console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
 
     def __call__(self, event: str, **content: Any) -> None:
         """Print an event; problems are printed at the end of the program."""
         if event == "problem":
             return
-        self._console.print(f"{self._side}: {_in_words(event, content)}", markup=False)
+        print(f"{self._side}: {_in_words(event, content)}", flush=True)
 
 
 def _in_words(event: str, content: dict[str, Any]) -> str:
