@@ -44,6 +44,7 @@ from teleop_rt_drivers.can_frames import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+_pack = FRAME.pack
 _BUFFER_BYTES = 4 << 20
 _MODE = 0o700
 _SUFFIX = ".can"
@@ -206,12 +207,12 @@ class UnixBus(can.BusABC):
         """
         if not self._peers:
             self._meet()
-        memory, now_ns = self._outgoing.memory, time.monotonic_ns()
+        now_ns = time.monotonic_ns()
         if len(frames) == 1:  # then the call for several costs more than it saves
-            ((can_id, data),) = frames
-            size = 1 if can_id & REMOTE else len(data)
-            self._send_packet(FRAME.pack(can_id, size, data, now_ns))
+            can_id, data = frames[0]
+            self._send_packet(_pack(can_id, 1 if can_id & REMOTE else len(data), data, now_ns))
             return
+        memory = self._outgoing.memory
         for index, (can_id, data) in enumerate(frames):
             size = 1 if can_id & REMOTE else len(data)
             FRAME.pack_into(memory, index * FRAME.size, can_id, size, data, now_ns)
@@ -287,7 +288,9 @@ class UnixBus(can.BusABC):
         """
         if len(self._peers) != 1 or self._filters is not None or self._heads or self._kept:
             return -1
-        self._look_for_programs()
+        self._readings += 1
+        if self._readings % _MEET_EVERY == 0 and self._ready.poll(0):
+            self._meet()
         peer, packets = self._peers[0], self._packets
         try:
             count = packets.receive(peer.fileno())

@@ -6,6 +6,8 @@ through two views of the same words, which takes a fraction of what a field of n
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from struct import Struct
 from typing import cast
 
@@ -197,6 +199,10 @@ class Run:
         kinds = {"float": "d", "int": "q"}
         self._struct = Struct("=" + "".join(kinds[Tick.__annotations__[f]] for f in self.fields))
         self._offset = _OFFSETS[first]
+
+    def writer(self, record: TickRecord) -> Callable[..., None]:
+        """Return `write` for one record, without a call of Python."""
+        return functools.partial(self._struct.pack_into, record.words, self._offset)
 
     def write(self, record: TickRecord, *values: float) -> None:
         """Write a value for each of `fields`, in their order; raises struct.error for others."""

@@ -78,6 +78,7 @@ class Slave:
         self._period_ns = rig.period_ns
         self.record = record = TickRecord()
         self._floats, self._counts = record.floats, record.counts
+        self._came_in = CAME_IN.writer(record)
         self._row = Row(SLAVE)
         self._columns = self._row.values
         self._body = new_state()
@@ -280,11 +281,10 @@ class Slave:
 
     def _take_in(self, late_ns: int) -> None:
         """Write the sample, the zeros and the clock into the record of the tick."""
-        sample, record, endpoint = self._sample, self.record, self._endpoint
-        CAME_IN.write(
-            record,
+        sample, stamp_ns = self._sample, self._stamp_ns
+        self._came_in(
             self.tick,
-            self._stamp_ns,
+            stamp_ns,
             sample.stamp_ns,
             self._valid,
             late_ns,
@@ -299,7 +299,7 @@ class Slave:
             *self._drive_values(sample),
             self._pipeline.shift,
             self.reference.homed,
-            endpoint.silence_ns(self._stamp_ns),
+            self._endpoint.silence_ns(stamp_ns),
         )
 
     def _advance_zeros(self) -> int:

@@ -108,12 +108,6 @@ class Channel:
         """The time of the SYNC that latched it."""
         return self.record.counts[_STAMP]
 
-    @property
-    def newest(self) -> tuple[float, int]:
-        """Value and stamp."""
-        record = self.record
-        return record.floats[_VALUE], record.counts[_STAMP]
-
     def reset(self) -> None:
         """Forget the value: the next one may be anywhere in range."""
         self.replies.reset()

@@ -74,7 +74,7 @@ class Drive:
         self.record = SourceRecord()
         self.replies = Replies(self.record)
         self.state = DriveState.NOT_READY
-        self.intent = Intent.IDLE
+        self.intent = self._settled = Intent.IDLE
         self.fell_out = False
         self._statusword = -1
         self._scale = scale
@@ -120,20 +120,24 @@ class Drive:
 
     def fill(self, sample: Sample) -> None:
         """Write the state and the measurements of the drive into a sample."""
-        sample.enabled = self.enabled
-        sample.drive_position = self._scale.value(self.record.floats[_ACTUAL])
-        per_count = self._force_per_count
-        force = None if per_count is None else per_count * self.record.floats[_FORCE]
-        sample.drive_force = force
+        record, per_count = self.record, self._force_per_count
+        sample.enabled = self.intent is _RUNNING and record.counts[_SILENT] < SILENT_CYCLES
+        sample.drive_position = self._scale.value(record.floats[_ACTUAL])
+        sample.drive_force = None if per_count is None else per_count * record.floats[_FORCE]
 
     @property
     def faulty(self) -> bool:
         """Return whether the drive reports a fault."""
         return self.state in _FAULTY
 
-    def settle(self) -> None:
-        """Advance the intent by what this cycle brought."""
+    def settle(self) -> bool:
+        """Advance the intent by what this cycle brought; return whether the drive has failed."""
         statusword = self.record.counts[_STATUSWORD]
+        if statusword != self._statusword or self.intent is not self._settled:
+            self._advance(statusword)
+        return self.fell_out or self.faulty
+
+    def _advance(self, statusword: int) -> None:
         if statusword != self._statusword:
             self._statusword = statusword
             self.state = cia402.drive_state(statusword)
@@ -142,6 +146,7 @@ class Drive:
         elif self.intent is _RUNNING and self.state is not _ENABLED:
             self.intent = _STOPPED
             self.fell_out = True
+        self._settled = self.intent
 
     def arm(self) -> None:
         """Begin the walk to operation enabled."""

@@ -9,7 +9,7 @@ from teleop_rt.jit import bound
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
 from teleop_rt_drivers.canopen import eds, intake, setup
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
-from teleop_rt_drivers.canopen.intake import DUPLICATE, LOST, NOBODY, side_by_side
+from teleop_rt_drivers.canopen.intake import DUPLICATE, LOST, NOBODY, place, side_by_side
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     Handler = Callable[[int, Data, int], object]
     """Takes the id, the bytes and the time of the cycle."""
 
+_VALUE, _STAMP = place("value"), place("stamp_ns")
 MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
 SDO = (0x580, 0x680)
@@ -126,11 +127,12 @@ class Receiver:
             row = -1 - events
             self._hand_on(*self._reader.frame(row)[:2], now_ns)
             events = take_cycle(row + 1, count, sync_ns, now_ns, asks)
-        if self._drive is not None:
-            self._drive.settle()
-        self._find_faults(now_ns, events)
-        sample.valid = not events & DUPLICATE - 1
-        sample.stale = "" if sample.valid else self._stale(events)
+        if (drive := self._drive) is not None and drive.settle():
+            self.raise_fault(AxisFault.DRIVE_FAULT)
+        if events:
+            self._find_faults(now_ns, events)
+        sample.valid = valid = not events & DUPLICATE - 1
+        sample.stale = "" if valid else self._stale(events)
         self._fill(sample)
 
     def _bind(self, slots: Slots) -> Callable[..., int]:
@@ -243,9 +245,7 @@ class Receiver:
             self.counters["unexpected_id"] += 1
 
     def _find_faults(self, now_ns: int, events: int) -> None:
-        """Latch faults that follow from the devices' silence and states."""
-        if self._drive is not None and (self._drive.faulty or self._drive.fell_out):
-            self.raise_fault(AxisFault.DRIVE_FAULT)
+        """Latch faults that follow from the devices' silence, and from a second sender."""
         if events & LOST and self.fault is NO_AXIS_FAULT:
             self._note_lost(now_ns)
         if events & DUPLICATE:
@@ -264,14 +264,17 @@ class Receiver:
         else:
             self._missing += 1
             self.counters["cycles_without_sample"] += 1
-        stamp_ns = position_ns = force_ns = 0
+        stamp_ns = force_ns = 0
         if (encoder := self._encoder) is not None:
-            sample.position, position_ns = encoder.newest
-            sample.position_stamp_ns = stamp_ns = position_ns
+            record = encoder.record
+            sample.position = record.floats[_VALUE]
+            sample.position_stamp_ns = stamp_ns = record.counts[_STAMP]
         if (force := self._force) is not None:
-            sample.force, force_ns = force.newest
-            sample.force_stamp_ns = force_ns
-            stamp_ns = force_ns if encoder is None or force_ns < position_ns else position_ns
+            record = force.record
+            sample.force = record.floats[_VALUE]
+            sample.force_stamp_ns = force_ns = record.counts[_STAMP]
+            if encoder is None or force_ns < stamp_ns:
+                stamp_ns = force_ns
             if self._drivetrain is not None:
                 self._drivetrain.free(sample)
         sample.stamp_ns = stamp_ns
