@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from teleop_rt.estimation.pairing import EvenPairing, Pairing, pairs_of
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.recorded import estimated_samples
 from teleop_rt.estimation.rows import rows_for
 
 MS = 1_000_000
@@ -144,3 +145,26 @@ def test_even_pairs_count_what_a_stall_left_out():
         if pairing.take(0.0, now_ns, 0.0, now_ns):
             gaps.append(pairing.gap)
     assert sum(gaps) in range(18, 23)
+
+
+def test_a_recording_s_values_have_the_stamps_that_their_own_ages_give():
+    """Position 2 ms old and force 5 ms: of each pair both are of one time."""
+    now_ns = 10**9 + LOOP_NS * np.arange(200)
+    position_ns, force_ns = now_ns - 2 * MS, now_ns - 5 * MS
+    slave = {
+        "stamp_ns": now_ns.astype(float),
+        "position_age_ms": np.full(200, 2.0),
+        "force_age_ms": np.full(200, 5.0),
+        "position": position_at(position_ns),
+        "force": position_at(force_ns),
+        "valid": np.ones(200),
+    }
+    settings = PipelineSettings(
+        period_s=2e-3, position_resolution=1e-6, force_noise=0.05, onset_force=0.4,
+        release_force=0.2, paired_lag_s=0.0,
+    )  # fmt: skip
+    pairs = estimated_samples(slave, settings, LOOP_NS)
+    assert np.count_nonzero(pairs.valid) > 190
+    own = position_at(pairs.stamp_ns[pairs.valid])
+    assert pairs.position[pairs.valid] == pytest.approx(own, abs=1e-9)
+    assert pairs.force[pairs.valid] == pytest.approx(own, abs=1e-9)
