@@ -62,6 +62,22 @@ def test_the_window_is_near_the_best_of_all_windows() -> None:
     assert chosen < 1.5 * min(errors)
 
 
+def test_noise_of_a_fiftieth_of_the_speed_is_smoothed_away() -> None:
+    """Up to 3 % the narrowest window stayed; a stiff damper then felt more noise than its sensor.
+
+    With equal steps of the encoder, and a motion up to 3 Hz that is read at 100 Hz.
+    """
+    rng = np.random.default_rng(2)
+    t = np.arange(2000) / 100.0
+    rates = rng.uniform(0.3, 3.0, 24)
+    x = 1e-4 * np.sum(np.sin(2 * np.pi * np.outer(rates, t) + rng.uniform(0, 6, (24, 1))), axis=0)
+    speed = np.gradient(x, t)
+    read = 2e-6 * np.round(x / 2e-6)
+    narrow, chosen = (_speed_error(read, speed, 0.01, h) for h in (3, half_window(read, 0.01)))
+    assert 0.01 < narrow < 0.03
+    assert chosen < 0.7 * narrow
+
+
 def test_a_model_with_a_mass_is_smoothed_for_the_acceleration() -> None:
     """The window that suits the velocity let an encoder's noise through, as a force of the mass."""
     t, x = _stroke(500.0, 0.7, 20.0)

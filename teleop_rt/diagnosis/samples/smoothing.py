@@ -18,7 +18,7 @@ HALF_WINDOWS_S = (0.020, 0.015, 0.010)
 _NARROWER_S = (0.007, 0.005, 0.003)
 # 50 Hz of bandwidth down to 3: a machine of 0.1 Hz read at 100 Hz needs the widest.
 _WIDER_S = (0.030, 0.045, 0.070, 0.100, 0.150, 0.200, 0.300)
-NOISY_SPEED = 0.03  # of the speed's deviation: more noise asks for a wider window
+NOISY_SPEED = 0.03  # of the speed's deviation; steps of the motion lose more than that
 _QUIET_SPEED = 0.01  # of the same: a wider window is of no use, no law's form is known better
 _LONGEST_WINDOW = 1.0 / 16.0  # of a recording: the edges of two windows are given up
 _FLOOR_OCTAVES = 4  # down from half the rate; the quietest of them holds the least movement
@@ -37,7 +37,7 @@ def half_window(position: Vector, dt: float, derivative: int = 1) -> int:
     The bandwidth is 50 to 110 Hz: a wider window is chosen if it differs from the narrowest by no
     more than the encoder noise. It rises to 360 Hz if narrower windows recover more than noise, as
     with a tool that follows steps. It falls to 3 Hz (see `_quietest`) if encoder noise is more than
-    `NOISY_SPEED` of the velocity, or of the acceleration for a model that uses it (`derivative` 2).
+    a hundredth of the velocity, or of the acceleration for a model that uses it (`derivative` 2).
     """
     samples = np.ascontiguousarray(position, dtype=np.float64).tobytes()
     return _half_window(samples, dt, derivative)
@@ -87,8 +87,7 @@ def _quietest(position: Vector, dt: float, half: int, derivative: int) -> int:
         passed = _response(each, dt, position.size, derivative)
         by_noise = float(np.sum(np.abs(passed) ** 2 * noise))
         errors.append((float(np.sum(np.abs(passed - ideal) ** 2 * motion)) + by_noise, each))
-        least = NOISY_SPEED if each == half else _QUIET_SPEED
-        if by_noise < least**2 * wanted:
+        if by_noise < _QUIET_SPEED**2 * wanted:
             break
     return min(errors)[1]
 
