@@ -11,7 +11,7 @@ from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
-from teleop_rt.diagnosis.samples.surface import doubtful_unit
+from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
 
 Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
 """The samples that an answer uses."""
@@ -57,11 +57,17 @@ def notes_of(
     `surface` is the caller's, None without one.
     """
     found = []
-    if base.touches and not base.finds_surface and surface is None and recording.surface is None:
-        found.append(
-            "no surface is given, and the recording does not contradict 0: the surface was assumed"
-            " at 0 of the axis; give another with --surface"
-        )
+    if base.touches and surface is None and recording.surface is None:
+        if not base.finds_surface:
+            found.append(
+                "no surface is given, and the recording does not contradict 0: the surface was"
+                " assumed at 0 of the axis; give another with --surface"
+            )
+        elif not surface_of(recording).clear:
+            found.append(
+                "no surface is given, and no approach shows it clearly: it is a parameter of the"
+                " base, which hides an offset of position or force; give it with --surface"
+            )
     stiffness = answer["base"]["parameters"].get("k", {"value": None})["value"]
     if stiffness is not None and not base.has_power:
         travel = float(np.ptp(recording.position))

@@ -12,6 +12,7 @@ from teleop_rt.diagnosis.samples.rows import bulk, force_noise, without_lone
 from teleop_rt.errors import RecordingError
 
 _ZERO_SURFACE_SHARE = 0.25  # of the depth; a surface guessed nearer to 0 may be 0
+_BEGIN_SHARE = 0.01  # of travel and force, below which both are at their beginning
 _GUESS_ERROR = 1.5  # of the estimated depth: uncertainty of a surface that was never left
 _MIN_USABLE_SAMPLES = 20  # in contact; fewer leave no block to test stiffness and damping
 _MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
@@ -37,8 +38,8 @@ def surface_of(recording: Recording) -> Surface:
 
     A stored surface was estimated with a model that may lack an effect, so a clear onset takes
     precedence. The estimate is the first onset, because a body with memory is met elsewhere later.
-    If no approach shows a clear onset and 0 may be the surface, it is 0; the effect
-    `contact_offset` covers its error. Raises RecordingError without contact.
+    If an approach shows an onset near 0, but no clear one, it is 0; the effect `contact_offset`
+    covers its error. Raises RecordingError without contact.
     """
     position, force = recording.position, without_lone(recording.force)
     if recording.surface is not None:
@@ -119,24 +120,27 @@ def refuse_turned(recording: Recording) -> None:
 
 
 def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
-    """Return the surface of a body that the tool never leaves: 0 if possible, or an estimate.
+    """Return a first estimate of the surface of a body that the tool never leaves.
 
-    The line through force over position reaches zero force at 1 - 1/n of the depth if the body
-    stiffens with power n, and deeper than the surface if it relaxes. So 0 may be the surface unless
-    that line ends too far inside, or the tool went beyond 0. Otherwise the axis has another origin
-    or the body stiffens much, and an estimated surface suits both.
+    It is where the line through force over position ends. The true one is at 1 - 1/n of that depth
+    if the body stiffens with power n. That 0 is possible is no sign that it is the surface: most
+    axes count from an arbitrary place, and an offset would be named for it. It is the surface where
+    the travel and the force both begin at 0, as of a strip that is stretched from rest, or where
+    the tool was on both sides of it.
     """
     nearest, deepest = float(np.min(position)), float(np.max(position))
+    begin = position <= nearest + _BEGIN_SHARE * (deepest - nearest)
+    least = float(np.min(np.abs(force[begin])))
+    if abs(nearest) <= _BEGIN_SHARE * deepest and least <= _BEGIN_SHARE * float(np.ptp(force)):
+        return Surface(0.0, fixed=True)
     lines = np.array([np.ones_like(force), position - deepest, np.gradient(position, dt)])
     (level, slope, _), *_ = np.linalg.lstsq(lines.T, force, rcond=None)
     if slope <= 0.0 or level <= 0.0:
         return Surface(0.0, fixed=True)
     depth = float(level / slope)
     end = deepest - depth
-    if (
-        nearest > -_ZERO_SURFACE_SHARE * (deepest - nearest)
-        and -deepest < end < _ZERO_SURFACE_SHARE * deepest
-    ):
+    most = _ZERO_SURFACE_SHARE * deepest
+    if -_ZERO_SURFACE_SHARE * (deepest - nearest) < nearest < 0.0 and -deepest < end < most:
         return Surface(0.0, fixed=True)
     return Surface(min(end, nearest), fixed=False, within=_GUESS_ERROR * depth)
 
