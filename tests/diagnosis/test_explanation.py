@@ -109,6 +109,24 @@ def test_small_partners_predict_but_are_not_named() -> None:
     assert predictor([_ALONE, one, two]) is two
 
 
+@pytest.mark.parametrize(
+    ("first", "both", "named"),
+    [
+        (0.10, 0.012, ("coulomb_friction", "stress_relaxation")),
+        (0.10, 0.040, ("coulomb_friction",)),  # much is left, as of a form that neither law has
+        (0.04, 0.010, ("coulomb_friction",)),  # enough is explained without a second name
+    ],
+)
+def test_a_small_partner_is_named_where_it_explains_nearly_all_that_is_left(
+    first: float, both: float, named: tuple[str, ...]
+) -> None:
+    """A relaxation of 8 % beside friction was left out, although noise alone stayed with it."""
+    one = _set("coulomb_friction", path=(1.0, first))
+    two = _set("coulomb_friction", "stress_relaxation", path=(1.0, first, both))
+    found = explain([_ALONE, one, two], noise=0.01)
+    assert [s.fit.names for s in found.sets] == [named]
+
+
 def test_the_order_of_the_search_does_not_change_the_shares() -> None:
     damping = _set("direction_dependent_damping", path=(1.0, 0.3))
     friction = _set("coulomb_friction", path=(1.0, 0.05))

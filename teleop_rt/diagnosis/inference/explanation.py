@@ -181,6 +181,9 @@ def _named_part(
 ) -> frozenset[str]:
     """Return the effects of a set that each explain a fifth or more of the base's excess.
 
+    A smaller effect counts if the effects before it explain too little to be named without it
+    (`NAMED_SHARE`), and it explains four fifths of what they leave above the noise: no other law
+    explains that much of the error of a law's form.
     The effect that explains most comes first: a damping tried before a friction would absorb its
     share. Of two equal effects, the one within its bounds comes first. Another law of the same
     physics only corrects the first one and is not named. If an effect lies at a bound of its shape,
@@ -188,10 +191,13 @@ def _named_part(
     """
     names, order, named = frozenset[str](), list[str](), 0
     energy = known[names].energy
+    noise = energy - excess
     while rest := [names | {n} for n in one.names - names if names | {n} in known]:
         longer = min(rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * known[n].bound))
         order, names = [*order, *(longer - names)], longer
-        if energy - known[names].energy >= LEAST_SHARE * excess:
+        taken, left = energy - known[names].energy, energy - noise
+        completes = left > (1.0 - NAMED_SHARE) * excess and taken >= _NEARLY_AS_GOOD * left
+        if completes or taken >= LEAST_SHARE * excess:
             named = len(order)
         energy = known[names].energy
     best = _distinct(order[:named], one, known)
