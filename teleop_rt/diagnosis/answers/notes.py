@@ -45,6 +45,24 @@ _RESTS_ON = {
 }
 
 
+def _of_surface(base: Base, recording: Recording, surface: float | None) -> list[str]:
+    """Return what is assumed of a surface that nobody gave."""
+    if not base.touches or surface is not None or recording.surface is not None:
+        return []
+    note = ""
+    if not base.finds_surface:
+        note = (
+            "no surface is given, and the recording does not contradict 0: the surface was assumed"
+            " at 0 of the axis; give another with --surface"
+        )
+    elif not surface_of(recording).clear:
+        note = (
+            "no surface is given, and no approach shows it clearly: it is a parameter of the base,"
+            " which hides an offset of position or force; give it with --surface"
+        )
+    return [note] if note else []
+
+
 def notes_of(
     answer: dict[str, Any],
     base: Base,
@@ -56,18 +74,7 @@ def notes_of(
 
     `surface` is the caller's, None without one.
     """
-    found = []
-    if base.touches and surface is None and recording.surface is None:
-        if not base.finds_surface:
-            found.append(
-                "no surface is given, and the recording does not contradict 0: the surface was"
-                " assumed at 0 of the axis; give another with --surface"
-            )
-        elif not surface_of(recording).clear:
-            found.append(
-                "no surface is given, and no approach shows it clearly: it is a parameter of the"
-                " base, which hides an offset of position or force; give it with --surface"
-            )
+    found = _of_surface(base, recording, surface)
     stiffness = answer["base"]["parameters"].get("k", {"value": None})["value"]
     if stiffness is not None and not base.has_power:
         travel = float(np.ptp(recording.position))
