@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, core_schema
+from pydantic import Field, ValidationError, ValidationInfo, WithJsonSchema, field_validator
 
 from teleop_rt.config_problems import problem_of
 from teleop_rt.diagnosis.recordings.units import UNITS, factor_of
@@ -18,32 +16,14 @@ from teleop_rt.yaml_file import ConfigError, Document, read_yaml
 _FACTOR = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
 
 
-class UnitOf:
-    """Annotation of the unit of one role: a name that is known, or a factor."""
-
-    def __init__(self, role: str) -> None:
-        self._role = role
-
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_after_validator_function(self._known, handler(source))
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        kinds: list[dict[str, Any]] = [
-            {"type": "string", "enum": list(UNITS[self._role])},
-            {"type": "string", "pattern": _FACTOR},
-            {"type": "number", "minimum": -MOST, "maximum": MOST},
-            {"type": "null"},
-        ]
-        return {"anyOf": kinds}
-
-    def _known(self, unit: str | float | None) -> str | float | None:
-        if unit is not None:
-            factor_of(self._role, unit)
-        return unit
+def _units_of(role: str) -> WithJsonSchema:
+    """Return the schema of the unit of one role: a name that is known, or a factor."""
+    return WithJsonSchema({"anyOf": [
+        {"type": "string", "enum": list(UNITS[role])},
+        {"type": "string", "pattern": _FACTOR},
+        {"type": "number", "minimum": -MOST, "maximum": MOST},
+        {"type": "null"},
+    ]})  # fmt: skip
 
 
 class Roles(Section):
@@ -76,24 +56,31 @@ class ColumnNames(Roles):
 class ColumnUnits(Roles):
     """Units of the columns, by name or as the factor to SI; else they are read from the header."""
 
-    time: Annotated[str | float | None, UnitOf("time")] = Field(
+    time: Annotated[str | float | None, _units_of("time")] = Field(
         None, description="Unit of time: s, ms, us, ns, min, or seconds per unit."
     )
-    position: Annotated[str | float | None, UnitOf("position")] = Field(
+    position: Annotated[str | float | None, _units_of("position")] = Field(
         None, description="Unit of position: m, mm, um, rad, deg, ..., or m (rad) per unit."
     )
-    force: Annotated[str | float | None, UnitOf("force")] = Field(
+    force: Annotated[str | float | None, _units_of("force")] = Field(
         None, description="Unit of force: N, mN, Nm, ..., or N (Nm) per unit."
     )
-    velocity: Annotated[str | float | None, UnitOf("velocity")] = Field(
+    velocity: Annotated[str | float | None, _units_of("velocity")] = Field(
         None, description="Unit of velocity: m/s, mm/s, deg/s, ..., or m/s (rad/s) per unit."
     )
-    reference: Annotated[str | float | None, UnitOf("reference")] = Field(
+    reference: Annotated[str | float | None, _units_of("reference")] = Field(
         None, description="Unit of the commanded position, as of position."
     )
-    surface: Annotated[str | float | None, UnitOf("surface")] = Field(
+    surface: Annotated[str | float | None, _units_of("surface")] = Field(
         None, description="Unit of the surface's position, as of position."
     )
+
+    @field_validator("*")
+    @classmethod
+    def _known(cls, unit: str | float | None, of: ValidationInfo) -> str | float | None:
+        if unit is not None:
+            factor_of(str(of.field_name), unit)
+        return unit
 
 
 class ColumnsFile(Section):

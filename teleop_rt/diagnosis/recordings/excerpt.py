@@ -10,7 +10,7 @@ from scipy.fft import prev_fast_len
 from teleop_rt.diagnosis.recordings.recording import Recording
 
 MOST_SAMPLES = 30_000  # 30 s at 1 kHz: an answer within a minute
-_STEPS_PER_WINDOW = 4
+_STEPS_PER_WINDOW = 4  # places tried: a quarter of the part is lost at most
 _DECIMATED = 4  # times, from 1 kHz to the lowest rate of a search
 _DECIMATED_PERIOD_S = 1.001e-3  # s; slower recordings are searched at their own rate
 

@@ -21,14 +21,12 @@ MIN_SAMPLES = 300  # fewer cannot separate noise and effect
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _SLOWEST_STATED_HZ = 2.0  # Hz; a testing machine's, where the unit of time is stated
 _ROUNDED = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
-_CLOCK_FITS = 3
-# Periods from one sample to the next at which one is missing.
+_CLOCK_FITS = 3  # of a line through the stamps; the ticks change no more after the second
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
 """An even grid has at most so many points for each sample, and so many more: gaps are few."""
-_GAP = 1.75
-_SHORT_GAP = 3
-# Interpolation alone smooths a noise by up to 0.7.
-_SMOOTHER = 0.5
+_GAP = 1.75  # periods from one sample to the next; one is missing where there are more
+_SHORT_GAP = 3  # samples that a cubic bridges better than a line, at the usual windows
+_SMOOTHER = 0.5  # of the other's third differences; interpolation alone smooths noise to 0.7
 
 
 @dataclass(frozen=True)

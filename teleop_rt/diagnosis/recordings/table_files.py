@@ -33,12 +33,12 @@ _NEXT_STEP = {
     ".mat": "save it as MATLAB's format 7 or older (`save -v7`), with plain arrays",
     ".npz": "save plain arrays of numbers with numpy.savez",
 }
-_LONGEST_REASON = 160
+_LONGEST_REASON = 160  # characters of a library's message; numpy's may list a thousand lines
 _NUMBER_BYTES = 8
 """Of a number as it is held, whatever it takes in its file."""
 _PIECE = 1 << 20
 """Bytes of a file, or of what is packed in it, that are looked at in one piece."""
-_MAT_HEADER, _MAT_PACKED = 128, 15
+_MAT_HEADER, _MAT_PACKED = 128, 15  # bytes, and the type of an element; see `_packed_sizes`
 _NUMERIC_KINDS = "fiu"
 _NUMERIC_CLASSES = frozenset({"double", "single", "logical", "int8", "uint8", "int16", "uint16",
                               "int32", "uint32", "int64", "uint64"})  # fmt: skip

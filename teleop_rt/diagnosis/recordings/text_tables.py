@@ -12,12 +12,12 @@ import csv
 import math
 import re
 import sys
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, time
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +37,12 @@ _PIECE = 1 << 20
 _DELIMITERS = ("\t", ";", None, ",")
 """In the order in which they are tried; None: runs of blanks. A comma may also mark decimals."""
 _COMMENT = "#"
+_SHOWN = 40  # characters of a cell in a message
 _HINT = "; if commas mark the decimals, separate the columns by ;"
-_NUMBER = r"(?<![^;\t\n ])([-+]?\d*){}(\d+(?:[eE][-+]?\d+)?)(?![^;\t\n ])"
-_DECIMAL_COMMA, _DECIMAL_POINT = (re.compile(_NUMBER.format(mark)) for mark in (",", r"\."))
 _FIGURE = re.compile(
     r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE
 )
+_DECIMAL = re.compile(r"[-+]?\d*[.,]\d+(e[-+]?\d+)?", re.IGNORECASE)
 _GERMAN_DATE = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})\s+(.+)")
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -61,7 +61,6 @@ class _Text:
     delimiter: str | None
     names: list[str]
     first: int
-    quoted: bool
 
 
 def read_text(path: Path) -> dict[str, Vector]:
@@ -73,12 +72,11 @@ def read_text(path: Path) -> dict[str, Vector]:
     refuse_more(path, path.stat().st_size, most)
     text = _located(path, _encoding(path))
     refuse_more(path, _NUMBER_BYTES * _fields(text), most)
-    commas = (text.delimiter != "," or text.quoted) and _has_decimal_commas(text)
-    data = None if text.quoted else _quickly(text, commas=commas)
-    if data is None:  # fields that are empty, quoted, stamps or no numbers: ten times slower
-        _refuse_ragged(text)
-        data = _loaded(text, commas=False, converters=_number_of, quotechar='"')
-        _note_texts(text, data)
+    try:  # numbers with points and nothing else
+        data = np.loadtxt(path, delimiter=text.delimiter, skiprows=text.first, ndmin=2,
+                          encoding=text.encoding)  # fmt: skip
+    except ValueError:
+        data = _by_cells(text)
     return {name: data[:, i] for i, name in enumerate(text.names)}
 
 
@@ -122,7 +120,7 @@ def _located(path: Path, encoding: str) -> _Text:
                         f"{path}: numbers begin in line {first + 1}, columns: {', '.join(names)}",
                         file=sys.stderr,
                     )
-                return _Text(path, encoding, delimiter, names, first, '"' in lines[first])
+                return _Text(path, encoding, delimiter, names, first)
     raise ValueError("no data" if len(rows) < 2 else "no lines of numbers below each other found")
 
 
@@ -172,24 +170,6 @@ def _names_of(above: Sequence[str], columns: int, delimiter: str | None) -> list
             for i, name in enumerate(named)]  # fmt: skip
 
 
-def _quickly(text: _Text, *, commas: bool) -> NDArray[np.float64] | None:
-    """Return the numbers of a table that holds nothing else, else None."""
-    try:
-        return _loaded(text, commas=commas)
-    except ValueError:
-        return None
-
-
-def _loaded(text: _Text, *, commas: bool, **how: Any) -> NDArray[np.float64]:
-    """Return the numbers of a table; what they take is known to fit."""
-    how |= {"delimiter": text.delimiter, "skiprows": text.first, "ndmin": 2,
-            "encoding": text.encoding}  # fmt: skip
-    if not commas:
-        return np.loadtxt(text.path, **how)
-    with text.path.open(encoding=text.encoding) as stream:
-        return np.loadtxt((_DECIMAL_COMMA.sub(r"\1.\2", line) for line in stream), **how)
-
-
 def _fields(text: _Text) -> int:
     """Return how many fields a file has at most."""
     mark = (text.delimiter or " ").encode()
@@ -198,55 +178,44 @@ def _fields(text: _Text) -> int:
         return 1 + sum(piece.count(mark) + piece.count(b"\n") for piece in pieces)
 
 
-def _refuse_ragged(text: _Text) -> None:
-    """Raise ValueError naming the first line with another number of fields than the first."""
-    with text.path.open(encoding=text.encoding) as stream:
-        columns = len(text.names)
-        for number, line in enumerate(stream, 1):
-            row = line.partition(_COMMENT)[0].strip("\r\n")
-            if number > text.first and row.strip():
-                count = len(_cells(row, text.delimiter))
-                if count != columns:
-                    raise ValueError(f"line {number} has {count} fields, not {columns}")
+def _by_cells(text: _Text) -> NDArray[np.float64]:
+    """Return the numbers of a table with empty, quoted or other cells: ten times slower.
 
-
-def _note_texts(text: _Text, data: NDArray[np.float64]) -> None:
-    """Print the first cell whose text is no number, and how many there are: they count as missing.
-
-    Empty cells, and those that say not-a-number, are no such text.
+    The first cell that is a text and no number is printed, and how many there are: they count as
+    missing. Raises ValueError naming the first line with another number of fields, and where both
+    marks of decimals occur.
     """
-    suspects = set((np.flatnonzero(np.isnan(data).any(axis=1))).tolist())
+    numbers, texts, marks = array("d"), [], set()
     with text.path.open(encoding=text.encoding) as stream:
-        below = enumerate(islice(stream, text.first, None), text.first + 1)
-        rows = ((number, line) for number, line in below if line.partition(_COMMENT)[0].strip())
-        found = [
-            (number, name, cell)
-            for row, (number, line) in enumerate(rows) if row in suspects
-            for name, cell in zip(text.names, _cells(line, text.delimiter), strict=False)
-            if cell and not _is_number(cell)
-        ]  # fmt: skip
-    if not found:
-        return
-    line, name, cell = found[0]
-    more = f", and {len(found) - 1} more such cells" if len(found) > 1 else ""
-    print(
-        f"{text.path}: line {line}, column {name!r}: {cell[:40]!r} is no number{more}:"
-        " counted as missing",
-        file=sys.stderr,
-    )
+        for number, line in enumerate(islice(stream, text.first, None), text.first + 1):
+            row = line.partition(_COMMENT)[0].strip("\r\n")
+            if not row.strip():
+                continue
+            cells = _cells(row, text.delimiter)
+            if len(cells) != len(text.names):
+                raise ValueError(f"line {number} has {len(cells)} fields, not {len(text.names)}")
+            for name, cell in zip(text.names, cells, strict=True):
+                numbers.append(_number_of(cell))
+                if cell and not _is_number(cell):
+                    texts.append((number, name, cell[:_SHOWN]))
+                elif _DECIMAL.fullmatch(cell):
+                    marks.add("," in cell)
+            if len(marks) > 1:
+                raise ValueError("numbers have both , and . for decimals: save it with one of them")
+    _note_texts(text.path, texts)
+    return np.frombuffer(numbers).reshape(-1, len(text.names))
 
 
-def _has_decimal_commas(text: _Text) -> bool:
-    """Return whether commas mark decimals in a file whose columns no comma parts."""
-    commas = points = False
-    with text.path.open(encoding=text.encoding) as stream:
-        for line in islice(stream, text.first, None):
-            plain = line.replace('"', " ")
-            commas = commas or _DECIMAL_COMMA.search(plain) is not None
-            points = points or _DECIMAL_POINT.search(plain) is not None
-    if commas and points:
-        raise ValueError("numbers have both , and . for decimals: save it with one of them")
-    return commas
+def _note_texts(path: Path, texts: Sequence[tuple[int, str, str]]) -> None:
+    """Print the first of the cells that are no numbers."""
+    if texts:
+        line, name, cell = texts[0]
+        more = f", and {len(texts) - 1} more such cells" if len(texts) > 1 else ""
+        print(
+            f"{path}: line {line}, column {name!r}: {cell!r} is no number{more}:"
+            " counted as missing",
+            file=sys.stderr,
+        )
 
 
 def _is_number(cell: str) -> bool:
