@@ -25,7 +25,7 @@ from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.noise_floor import noise_floor
 from teleop_rt.diagnosis.recordings.recording import Recording
 
-_EVALUATIONS = 30
+_EVALUATIONS = 30  # of the descent: a draft's start is coarse, and is refined once
 
 
 @dataclass(frozen=True)

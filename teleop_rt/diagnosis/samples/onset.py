@@ -36,7 +36,7 @@ _FRICTION_SPEED_RATIO = 0.02  # of the speed's deviation, over which dry frictio
 _CORNER_ENERGY_RATIO = 0.5  # of the squared error without a corner; above it none is evident
 _DETECTED_SAMPLES = 3  # in a row above a force, or below it, that begin or end a contact
 _AIR_S = 0.02  # s, of free air before a contact that shows the surface
-_FEWEST_CONTACTS = 2
+_FEWEST_CONTACTS = 2  # whose places must agree: one alone may be that of a tip pulled in
 _LEAST_NOISE = 1e-4  # of the range of force or position; recordings without noise have some, too
 _MIN_CONTACT_SAMPLES = 100  # before a corner; fewer are not searched again
 

@@ -14,8 +14,8 @@ from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import SMOOTHING_ORDER, differentiate, position_noise
 from teleop_rt.diagnosis.samples.rows import quantisation_step
 
-HALF_WINDOWS_S = (0.020, 0.015, 0.010)
-_NARROWER_S = (0.007, 0.005, 0.003)
+HALF_WINDOWS_S = (0.020, 0.015, 0.010)  # s: bandwidths of 50 to 110 Hz
+_NARROWER_S = (0.007, 0.005, 0.003)  # s: up to 360 Hz, for tools that follow steps
 # 50 Hz of bandwidth down to 3: a machine of 0.1 Hz read at 100 Hz needs the widest.
 _WIDER_S = (0.030, 0.045, 0.070, 0.100, 0.150, 0.200, 0.300)
 NOISY_SPEED = 0.03  # of the speed's deviation; steps of the motion lose more than that

@@ -23,6 +23,7 @@ _FAR_M, _SOFT_N_PER_M = 0.3, 100.0
 """A softer body moved farther: 0.3 mm and 100 kN/m, as of a rig, if its mm were taken for m."""
 _NEAR_M, _HARD_N_PER_M = 3e-5, 1e6
 """A stiffer body moved less: 30 mm and 1 kN/m, as of a rig, if its m were taken for mm."""
+_SIGMAS = 6.0  # standard deviations of the noise; a smaller force is none
 _PULL_RATIO = 0.2  # of the force's range; a larger pull in contact means a wrong sign
 _AIR_FORCE_RATIO = 5.0  # times the variation in contact; more in free air means a wrong sign
 _END_SHARE = 0.15  # of the samples, those nearest to either end of the travel
@@ -47,16 +48,15 @@ def surface_of(recording: Recording) -> Surface:
         clear = seen is not None and seen.clear
         return seen if seen and clear else Surface(recording.surface, fixed=True)
     noise = force_noise(force)
-    low, high = bulk(force)
-    level = high - low
-    if level < 6.0 * noise:
+    level = float(np.ptp(bulk(force)))
+    if level < _SIGMAS * noise:
         raise RecordingError(
             f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise"
         )
-    _refuse_turned_force(recording.name, position, force, 6.0 * noise)
+    _refuse_turned_force(recording.name, position, force, noise)
     found = onset(position, force, recording.dt)
     if found is None or not found.clear:
-        _refuse_both_turned(recording.name, position, force, 6.0 * noise)
+        _refuse_both_turned(recording.name, position, force, noise)
     if found is None:
         return _pressed_throughout(position, force, dt=recording.dt)
     deepest = float(np.max(position))
@@ -66,35 +66,46 @@ def surface_of(recording: Recording) -> Surface:
     return found
 
 
-def _refuse_turned_force(name: str, position: Vector, force: Vector, least: float) -> None:
-    """Raise RecordingError if the force is negative and falls with the depth."""
+def _side(force: Vector, noise: float) -> int:
+    """Return 1 where the tool only presses, -1 where it only pulls, 0 where it does both."""
     low, high = bulk(force)
-    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
-    if falls and -low > _ONE_SIDED_RATIO * max(high, least):
+    sides = (1, high, -low), (-1, -low, high)
+    larger = (side for side, one, other in sides
+              if one > _ONE_SIDED_RATIO * max(other, _SIGMAS * noise))  # fmt: skip
+    return next(larger, 0)
+
+
+def _falls(position: Vector, force: Vector) -> bool:
+    """Return whether the force falls with the depth."""
+    return float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
+
+
+def _refuse_turned_force(name: str, position: Vector, force: Vector, noise: float) -> None:
+    """Raise RecordingError if the force is negative and falls with the depth."""
+    if _falls(position, force) and _side(force, noise) < 0:
         raise RecordingError(
-            f"{name}: wrong sign? the force falls to {low:.3g} the larger the position is, but it"
-            " counts positive when the tool presses; turn it with a minus before the column's name,"
-            f" --columns force=-NAME; {NO_CONTACT_HERE}"
+            f"{name}: wrong sign? the force falls to {bulk(force)[0]:.3g} the larger the position"
+            " is, but it counts positive when the tool presses; turn it with a minus before the"
+            f" column's name, --columns force=-NAME; {NO_CONTACT_HERE}"
         )
 
 
-def _refuse_both_turned(name: str, position: Vector, force: Vector, least: float) -> None:
+def _refuse_both_turned(name: str, position: Vector, force: Vector, noise: float) -> None:
     """Raise RecordingError where the tool only pulls, and its force is even at large positions.
 
     So a contact looks where position and force both count the other way, as in a testing machine
     that counts tension positive. A force with an offset is even at small positions.
     """
-    low, high = bulk(force)
-    if -low <= _ONE_SIDED_RATIO * max(high, least):
+    if _side(force, noise) >= 0:
         return
     first, last = np.quantile(position, (_END_SHARE, 1.0 - _END_SHARE))
     ends = force[position <= first], force[position >= last]
     near, far = (float(np.ptp(bulk(end))) for end in ends)
     if near > _AIR_FORCE_RATIO * far:
         raise RecordingError(
-            f"{name}: wrong sign? the force is {low:.3g} where the position is small and nearly"
-            " nothing where it is large; positions count positive into the environment, forces"
-            " positive when the tool presses: where compression counts negative, turn both,"
+            f"{name}: wrong sign? the force is {bulk(force)[0]:.3g} where the position is small and"
+            " nearly nothing where it is large; positions count positive into the environment,"
+            " forces positive when the tool presses: where compression counts negative, turn both,"
             " --columns position=-NAME force=-NAME"
         )
 
@@ -105,17 +116,15 @@ def refuse_turned(recording: Recording) -> None:
     A force of both signs, such as that of a mass moved in free air, is accepted.
     """
     name, position, force = recording.name, recording.position, recording.force
-    least = 6.0 * force_noise(force)
-    if float(np.ptp(position)) == 0.0 or float(np.ptp(force)) <= least:
+    noise = force_noise(force)
+    if float(np.ptp(position)) == 0.0 or float(np.ptp(force)) <= _SIGMAS * noise:
         return
-    _refuse_turned_force(name, position, force, least)
-    low, high = bulk(force)
-    falls = float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
-    if falls and high > _ONE_SIDED_RATIO * max(-low, least):
+    _refuse_turned_force(name, position, force, noise)
+    if _falls(position, force) and _side(force, noise) > 0:
         raise RecordingError(
-            f"{name}: wrong sign? the force rises to {high:.3g} the smaller the position is, but it"
-            " counts positive into the environment; turn it with a minus before the column's name,"
-            " --columns position=-NAME"
+            f"{name}: wrong sign? the force rises to {bulk(force)[1]:.3g} the smaller the position"
+            " is, but it counts positive into the environment; turn it with a minus before the"
+            " column's name, --columns position=-NAME"
         )
 
 
@@ -172,9 +181,8 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             f" check --surface; {NO_CONTACT_HERE}"
         )
     pressed = float(np.median(recording.force[touches(penetration)]) - np.median(free))
-    if -pressed > max(
-        6.0 * force_noise(recording.force), _PULL_RATIO * float(np.ptp(recording.force))
-    ):
+    least = _SIGMAS * force_noise(recording.force)
+    if -pressed > max(least, _PULL_RATIO * float(np.ptp(recording.force))):
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force is {pressed:.3g}"
             f" {recording.units[1]} against free air, but it counts positive when the tool presses;"
