@@ -11,7 +11,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.answers import held_out, outliers
+from teleop_rt.diagnosis.answers import outliers
 from teleop_rt.diagnosis.answers.answer import base_entry, candidates_of, effects_of
 from teleop_rt.diagnosis.answers.detectable import detectable
 from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks
@@ -30,6 +30,7 @@ from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable, in_rounds
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import Verdict, leaves_structure
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor

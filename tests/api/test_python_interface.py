@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 import teleop_rt
-from teleop_rt.diagnosis.answers import extended, held_out
+from teleop_rt.diagnosis.answers import extended
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.offline.replay import Choice, online_of_recording
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"

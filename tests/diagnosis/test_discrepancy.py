@@ -9,11 +9,11 @@ import pytest
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, errors_on
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays

@@ -7,11 +7,11 @@ import pytest
 from scipy.signal import lfilter
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.answers.held_out import cross_predict, predict
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fades, with_past
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.models.held_out import cross_predict, predict
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate

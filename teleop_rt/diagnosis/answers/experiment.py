@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, differentiate
 from teleop_rt.diagnosis.samples.rows import force_noise

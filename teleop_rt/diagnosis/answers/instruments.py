@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.answer import fill, finite
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import columns, force_of

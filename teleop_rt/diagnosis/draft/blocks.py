@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.held_out import BLOCKS, FOLDS
+from teleop_rt.diagnosis.models.held_out import BLOCKS, FOLDS
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
 _ROWS = 8000  # samples of the normal equations; more change the third digit of an error

@@ -10,7 +10,6 @@ from math import factorial
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.draft.blocks import Blocks
 from teleop_rt.diagnosis.draft.terms import (
     GROUPS,
@@ -21,6 +20,7 @@ from teleop_rt.diagnosis.draft.terms import (
     quantities,
     row_of,
 )
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.whiten import Matrix
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effects.user import load_file
-from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.answer import (
     base_entry,
     covariance,
@@ -21,6 +20,7 @@ from teleop_rt.diagnosis.answers.residuals import Unseen, predict_recording
 from teleop_rt.diagnosis.draft.choice import Law, law_of
 from teleop_rt.diagnosis.draft.declaration import FILE, NAME, write
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.noise_floor import noise_floor
 from teleop_rt.diagnosis.recordings.recording import Recording

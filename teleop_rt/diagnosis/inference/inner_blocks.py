@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from teleop_rt.diagnosis.answers import held_out
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import signed_solution

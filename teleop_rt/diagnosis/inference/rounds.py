@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
-from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.notes import Samples
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO
@@ -18,6 +17,7 @@ from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs, weighed
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, joined, judge
 from teleop_rt.diagnosis.inference.weighing import weigh_singles
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.diagnosis.answers import held_out
 from teleop_rt.diagnosis.criteria import (
     EXCESS_NOISE_RATIO,
     NAMED_SHARE,
@@ -18,6 +17,7 @@ from teleop_rt.diagnosis.criteria import (
     REDRAWN_NOISE_RATIO,
 )
 from teleop_rt.diagnosis.inference.verdict import Judgement, family_of
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
 

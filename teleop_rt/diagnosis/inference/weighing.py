@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.pairs import coarse_pairs
 from teleop_rt.diagnosis.inference.search import (
@@ -19,6 +18,7 @@ from teleop_rt.diagnosis.inference.search import (
     search_singles,
 )
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.structure import noise_from
 from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, noise_from
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.held_out import predict
 
 _BLOCK_S = 0.05  # s over which the residual is averaged: fast noise cancels
 _FEWEST_STRETCHES = 3  # later stretches as long as the beginning; fewer show no typical residual

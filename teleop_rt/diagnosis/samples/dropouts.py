@@ -10,8 +10,8 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
-from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.samples.rows import Stretch, robust_deviation, stretches
 
 _FEWEST_SAMPLES, _LEAST_S = 5, 0.01  # samples, and s: a shorter stretch is an outlier

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from teleop_rt.diagnosis.answers.held_out import predict
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.samples.preparation import without_edges
 
 _TOUCH_MARGIN_S = 0.02  # s around a touch: a filter of 50 Hz spreads a jump over it
