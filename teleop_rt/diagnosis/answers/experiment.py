@@ -57,21 +57,17 @@ def _ease(u: Vector) -> Vector:
 
 
 def profiles(depth: float, height: float) -> dict[str, Vector]:
-    """Return the shapes that are tried: penetration over 10 s, by name."""
+    """Return the shapes that are tried: penetration over 10 s, by name.
+
+    Times in s, frequencies in Hz, amplitudes of the depth: within the stroke, and below 10 Hz.
+    """
     t = np.arange(round(SECONDS * _RATE_HZ)) / _RATE_HZ
     enter = -height + (0.55 * depth + height) * _ease((t - 0.5) / 0.5)
-    inside = _ease((t - 1.2) / 0.3)
-    tone = 0.4 * depth * inside
-    growing = depth * (0.1 + 0.35 * np.clip((t - 1.2) / 8.0, 0.0, 1.0)) * inside
+    tone = 0.4 * depth * _ease((t - 1.2) / 0.3)
     sweep = 2.0 * np.pi * (0.5 * t + 0.5 * t**2)
-    holds = sum(_ease((t - s) / 0.1) * d for s, d in ((2.5, 0.3), (5.0, -0.4), (7.0, 0.5)))
     # Ever faster and deeper: a surface or a force that moves with a period of its own fits none.
     lifted = 1.0 - np.cos(2.0 * np.pi * (0.5 * t + 0.05 * t**2))
     taps = -height + 0.5 * (depth + height) * (0.6 + 0.4 * t / SECONDS) * lifted
-    mixed = np.where(t < 5.0, enter + 0.25 * depth * holds, 0.0)
-    late = taps * _ease((t - 5.0) / 0.4) + mixed[int(5.0 * _RATE_HZ) - 1] * (
-        1.0 - _ease((t - 5.0) / 0.4)
-    )
     # Everything once: air, hold, sweep, deeper hold, withdrawal, and tones through the surface.
     deep = (_ease((t - 4.6) / 0.2) - _ease((t - 5.8) / 0.3)) * 0.4 * depth
     leave = (_ease((t - 6.4) / 0.3) - _ease((t - 7.2) / 0.3)) * (0.55 * depth + height)
@@ -85,12 +81,8 @@ def profiles(depth: float, height: float) -> dict[str, Vector]:
         + swept * np.sin(2.0 * np.pi * (0.5 * (t - 2.2) + 1.3 * (t - 2.2) ** 2))
         + late_tones,
         "approach and slow tone": enter + tone * np.sin(2.0 * np.pi * 0.6 * t),
-        "approach and fast tone": enter + 0.3 * tone * np.sin(2.0 * np.pi * 6.0 * t),
         "approach and chirp": enter + 0.35 * tone * np.sin(sweep),
-        "ramps and holds": enter + depth * np.asarray(holds),
-        "growing amplitude": enter + growing * np.sin(2.0 * np.pi * 1.5 * t),
         "tapping": taps,
-        "holds, then tapping": np.where(t < 5.0, mixed, late),
     }
 
 

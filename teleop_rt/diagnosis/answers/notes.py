@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
-
-Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
-"""The samples that an answer uses."""
 
 STEPS_OF_MOTION = (
     "steps of the motion: the velocity jumps between two samples, as it does when the link jitters"

@@ -10,7 +10,6 @@ import numpy as np
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
 from teleop_rt.diagnosis.answers.experiment import Experiment
-from teleop_rt.diagnosis.answers.notes import Samples
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO
 from teleop_rt.diagnosis.inference.pairs import alike
 from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs, weighed_errors
@@ -29,7 +28,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import beginning, touches
 from teleop_rt.diagnosis.samples.dropouts import dropouts, without
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, resolution_step
-from teleop_rt.diagnosis.samples.preparation import without_edges
+from teleop_rt.diagnosis.samples.preparation import Samples, without_edges
 from teleop_rt.diagnosis.samples.rows import OUTLIERS, Stretch
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 

@@ -38,7 +38,7 @@ _DETECTED_SAMPLES = 3  # in a row above a force, or below it, that begin or end 
 _AIR_S = 0.02  # s, of free air before a contact that shows the surface
 _FEWEST_CONTACTS = 2  # whose places must agree: one alone may be that of a tip pulled in
 _LEAST_NOISE = 1e-4  # of the range of force or position; recordings without noise have some, too
-_MIN_CONTACT_SAMPLES = 100  # before a corner; fewer are not searched again
+MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 
 
 class Surface(NamedTuple):
@@ -144,7 +144,7 @@ def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None
         if crude is None and abs(before) < _FLAT_SLOPE_RATIO * slope:
             crude = found
         rows = rows[:, rows[0] <= corner]
-        if rows.shape[1] < _MIN_CONTACT_SAMPLES:
+        if rows.shape[1] < MIN_CONTACT_SAMPLES:
             break
     return crude
 

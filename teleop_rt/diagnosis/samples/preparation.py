@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -35,6 +36,8 @@ from teleop_rt.diagnosis.samples.smoothing import (
 )
 from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untouched, surface_of
 
+Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
+"""The samples that an answer uses."""
 _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impact
 _IMPACT_SAMPLES = 3  # left out on either side: filters of the sensor spread an impact
 _FADING_PART = 5  # part of a recording (a fifth) in which memories of earlier contact fade

@@ -7,7 +7,7 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.onset import Surface, onset
+from teleop_rt.diagnosis.samples.onset import MIN_CONTACT_SAMPLES, Surface, onset
 from teleop_rt.diagnosis.samples.rows import bulk, force_noise, without_lone
 from teleop_rt.errors import RecordingError
 
@@ -15,7 +15,6 @@ _ZERO_SURFACE_SHARE = 0.25  # of the depth; a surface guessed nearer to 0 may be
 _BEGIN_SHARE = 0.01  # of travel and force, below which both are at their beginning
 _GUESS_ERROR = 1.5  # of the estimated depth: uncertainty of a surface that was never left
 _MIN_USABLE_SAMPLES = 20  # in contact; fewer leave no block to test stiffness and damping
-_MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
 _STIFFEST_STATED_N_PER_M = 1e9  # N/m; nor is anything in a testing machine, whose units are known
 _LONGEST_M = 2.0  # m; no rig here travels farther
@@ -157,7 +156,7 @@ def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
 def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) -> None:
     """Raise RecordingError without contact, without motion in contact, or with a wrong sign."""
     inside = penetration[touches(penetration)]
-    if inside.size < _MIN_CONTACT_SAMPLES:
+    if inside.size < MIN_CONTACT_SAMPLES:
         raise RecordingError(
             f"{recording.name}: no contact: {inside.size} samples lie beyond the surface; check"
             " the sign of the position (> 0 into the environment) and --surface"
@@ -168,7 +167,7 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             f" {float(np.ptp(inside)):.3g} {recording.units[0]} only, close to its noise"
         )
     free = recording.force[penetration < 0.0]
-    if free.size < _MIN_CONTACT_SAMPLES:
+    if free.size < MIN_CONTACT_SAMPLES:
         return
     in_air, in_contact = (
         float(np.ptp(bulk(row))) for row in (free, recording.force[touches(penetration)])
