@@ -63,7 +63,8 @@ def test_the_written_kernel_gives_what_the_chosen_terms_gave(tmp_path: Path, bas
     problem, fit = posed(pressed(base=base), base)
     scaling = Scaling.of(problem, fit)
     known = quantities(problem, fit, scaling)
-    every = list({(t.expression, t.memory): t for t in candidates(fit.model.base)}.values())
+    drafted_ones = (t for t in candidates(fit.model.base) if t.group != "time")
+    every = list({(t.expression, t.memory): t for t in drafted_ones}.values())
     assert {t.memory for t in every} >= (
         {"", "q", "z", "y"} if base != "kelvin-voigt" else MEMORIES.keys()
     )

@@ -17,14 +17,14 @@ _WHERE = {
     True: ('"environment"', '"material"', '"render"'),
     False: ('"rig"', '"tool"', '"subtract_force"'),
 }
-_PAGE = '''"""{title}
+_PAGE = '''"""A law of the force that a recording asks for.
 
 Drafted from {recording}: no declared effect explains what the model leaves there. Give the effect
 a name, say in `sentence` what it is, and change what you know better; see docs/howto/effect.md.
 
 What the base leaves depends on: {shares}.
 The law is the sum of {count}: {words}.
-{words_beyond}
+Beyond {beyond:g} times the range seen it stays as it is there.
 """
 
 {imports}from teleop_rt.contact.effect import Amplitude, Effect, Shape
@@ -41,7 +41,6 @@ def drafted(state, x, v, a, t, dt, eta):
 
 DRAFT = Effect(
     name="{name}",
-    law="{law}",
     family="{family}",
     belongs_to={belongs_to},  # the operator feels the environment's, the rig's is taken off
     stage={stage},
@@ -67,17 +66,15 @@ def text_of(law: Law, recording: str, units: tuple[str, str], own: Path | None =
     belongs_to, stage, compensation = _WHERE[law.only_in_contact]
     names = _variables(law)
     return _PAGE.format(
-        title="A law of the force that a recording asks for.",
         recording=recording,
         shares=", ".join(f"{group} {100.0 * share:.0f} %" for group, share in ranked) or "nothing",
         count="one term" if len(law.terms) == 1 else f"{len(law.terms)} terms",
         words="; ".join(law.words),
-        words_beyond=f"Beyond {BEYOND:g} times the range seen it stays as it is there.",
+        beyond=BEYOND,
         imports=f"from math import {', '.join(used)}\n\n" if used else "",
         constants="\n".join(_constants(law, names, units)),
         body=body,
         name=NAME,
-        law="",
         family=law.terms[0].family,
         belongs_to=belongs_to,
         stage=stage,
@@ -105,7 +102,7 @@ def _variables(law: Law) -> set[str]:
     """Return the quantities that the law's expressions and memories name."""
     texts = [term.expression for term in law.terms]
     texts += [MEMORIES[key].update for key, _ in _memories(law.terms)]
-    return set(re.findall(r"\b(?:s|r|u|w|p|g|ds)\b", " ".join(texts)))
+    return set(re.findall(r"\b(?:s|r|u|w|g|ds)\b", " ".join(texts)))
 
 
 def _constants(law: Law, names: set[str], units: tuple[str, str]) -> list[str]:
@@ -119,8 +116,6 @@ def _constants(law: Law, names: set[str], units: tuple[str, str]) -> list[str]:
         lines.append(f"SPEED = {scaling.speed!r}  # {x}/s, at which u is 1")
     if "w" in names:
         lines.append(f"ACCELERATION = {scaling.acceleration!r}  # {x}/s^2, at which w is 1")
-    if "p" in names:
-        lines.append(f"DURATION = {scaling.duration!r}  # s, at which p is 1")
     if "g" in names:
         lines.append(
             f"STIFFNESS = {scaling.k / scaling.force!r}  # 1/{x}, of the base, over its peak"
@@ -143,8 +138,6 @@ def _body(law: Law) -> str:
     for name, text in (("u", "v / SPEED"), ("w", "a / ACCELERATION")):
         if name in names:
             lines.append(f"{name} = min(max({text}, -BEYOND), BEYOND)")
-    if "p" in names:
-        lines.append("p = min(t / DURATION, BEYOND)")
     if "g" in names:
         lines.append(f"g = STIFFNESS * {away} + DAMPING * v{inside}")
     if "ds" in names:
@@ -201,8 +194,3 @@ def _shapes(law: Law) -> str:
                 " logarithmic=True, points=1)"
             )
     return "".join(f"\n        {line}," for line in lines) + ("\n    " if lines else "")
-
-
-def write(law: Law, path: Path, recording: str, units: tuple[str, str], own: Path | None) -> None:
-    """Write the file, and nothing else."""
-    path.write_text(text_of(law, recording, units, own), encoding="utf-8")

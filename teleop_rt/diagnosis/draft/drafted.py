@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.answers.answer import (
 from teleop_rt.diagnosis.answers.errors import errors_of, on_blocks
 from teleop_rt.diagnosis.answers.residuals import Unseen, predict_recording
 from teleop_rt.diagnosis.draft.choice import Law, law_of
-from teleop_rt.diagnosis.draft.declaration import FILE, NAME, write
+from teleop_rt.diagnosis.draft.declaration import FILE, NAME, text_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit
@@ -103,7 +103,7 @@ def drafted(
         return None
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / FILE
-    write(law, path, recording.name, recording.units, own)
+    path.write_text(text_of(law, recording.name, recording.units, own), encoding="utf-8")
     effect = next(e for e in load_file(path) if e.name == NAME)
     best = found.best
     model = replace(best.model, effects=(*best.model.effects, effect))
