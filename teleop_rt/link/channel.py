@@ -89,7 +89,6 @@ class Endpoint(Mailbox):
         stale_after_ns: int = 100_000_000,
     ) -> None:
         super().__init__()
-        self._role: Role = role
         self._data = _DATA[role]
         self._kinds = sum(1 << kind for kind in self._data - _READ_AT_ONCE)
         self.transport = transport
