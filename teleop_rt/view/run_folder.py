@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.report import KEYS
+from teleop_rt.realtime.mcap_index import count_messages
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.section import Units
 from teleop_rt.trial.felt_force import SIGNALS as FELT_SIGNALS
@@ -23,8 +24,11 @@ from teleop_rt.trial.folder import LOG, RECORDING, TRIAL, recording_of
 
 TOPICS = ("/slave", "/master", "/estimates/")
 MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
-"""Of more rows than these, ten minutes of ticks at 1 kHz, one in 2, 4, 8, ... is read and drawn;
-estimates are only drawn, on paper a few thousand dots wide."""
+"""So many are read one by one: ten minutes of ticks at 1 kHz; estimates are only drawn, on paper a
+few thousand dots wide."""
+ROWS_OF_LONGER = {"/slave": 150_000, "/master": 150_000, "/estimates/": 30_000}
+"""Of a longer run one in 2, 4, 8, ... is read, down to these: six times of what a curve shows on
+the screen. To read 600 000 of an hour took half of its report's time."""
 _SIGNALS = {
     "/slave": (
         "stamp_ns",
@@ -144,7 +148,8 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
         what = "a file" if folder.exists() else "no such folder"
         raise RecordingError(f"{folder}: {what}: give a folder that `teleop-rt run` has written")
     recording_of(folder)
-    topics = read_topics(recording, TOPICS, _SIGNALS, MOST_ROWS)
+    whole = count_messages(recording).get("/slave", 0) <= MOST_ROWS["/slave"]
+    topics = read_topics(recording, TOPICS, _SIGNALS, MOST_ROWS if whole else ROWS_OF_LONGER)
     if "/slave" not in topics:
         raise RecordingError(
             f"{recording}: holds no tick of a slave: the run ended before its first"

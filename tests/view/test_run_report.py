@@ -35,7 +35,7 @@ pytest.importorskip("bokeh")
 from teleop_rt.cli.reporting import felt_of
 from teleop_rt.trial.grades import COLOURS, grades
 from teleop_rt.trial.summary_file import read_summary
-from teleop_rt.view import figures, headline, residual, run_times
+from teleop_rt.view import figures, headline, residual, run_folder, run_times
 from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
 from teleop_rt.view.compare import compared
 from teleop_rt.view.delay import one_way_delays
@@ -474,6 +474,22 @@ def test_the_link_figure_shows_half_of_the_round_trip_that_was_configured(good):
     delays = one_way_delays(run.slave, run.master)
     assert delays.median_ms == pytest.approx(75.0, abs=1.5)
     assert 0.5 < delays.jitter_ms < 5.0
+
+
+@pytest.mark.parametrize(("most", "step"), [(7_000, 8), (7_050, 1)])
+def test_a_run_is_read_whole_or_where_it_is_longer_down_to_a_few_rows(
+    good, monkeypatch, most, step
+):
+    monkeypatch.setattr(run_folder, "MOST_ROWS", dict.fromkeys(run_folder.MOST_ROWS, most))
+    longer = dict.fromkeys(run_folder.MOST_ROWS, 1_000)
+    monkeypatch.setattr(run_folder, "ROWS_OF_LONGER", longer)
+    topics = read_recorded(good)
+    run = load_run(good, read_summary(good), topics, felt_of)
+    assert run.step == step
+    assert (run.felt is None) == (step > 1)
+    assert run.slave["tick"].size == pytest.approx(7_050 / step, abs=2)
+    assert run.slave["tick"][-1] == 7_050
+    assert run.master["stamp_ns"].size == pytest.approx(7_050 / step, abs=2)
 
 
 def test_a_single_peak_survives_thinning_and_the_columns_stay_of_one_table():
