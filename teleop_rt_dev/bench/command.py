@@ -27,6 +27,7 @@ NAMES = (
     "many",
     "loop",
     "tick",
+    "rig",
     "lockstep",
     "master",
     "alloc",
@@ -34,8 +35,8 @@ NAMES = (
     "startup",
     "diagnosis",
 )
-ON_REQUEST = ("before",)
-"""Benchmarks that need an older commit, and are therefore not part of all."""
+ON_REQUEST = ("before", "steady")
+"""Benchmarks that need an older commit or a long time, and are therefore not part of all."""
 
 
 def machine() -> str:

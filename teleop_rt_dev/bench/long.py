@@ -41,13 +41,14 @@ def run(_rounds: int) -> list[Row]:
             stretch(base, folder, minutes)
             label = f"{minutes:.0f} min"
             spent, busy, peak = measured(["report", str(folder)])
-            found.append(row(f"report of {label}", "s", [spent], "<= 60"))
+            found.append(row(f"report of {label}", "s", [spent], "<= 10"))
             found.append(row(f"report of {label}, processor time", "s", [busy]))
             found.append(row(f"report of {label}, peak memory", "MB", [peak], "<= 1024"))
             for title, words in OFFLINE.items():
                 _, busy, peak = measured([*words, str(folder)])
-                found.append(row(f"{title} of {label}, processor time", "s", [busy]))
-                found.append(row(f"{title} of {label}, peak memory", "MB", [peak]))
+                most_s, most_MB = AIMS.get(title, (None, None))
+                found.append(row(f"{title} of {label}, processor time", "s", [busy], most_s))
+                found.append(row(f"{title} of {label}, peak memory", "MB", [peak], most_MB))
             began, held = replayed(folder)
             found.append(row(f"live page of {label}, until it is served", "s", [began], "<= 10"))
             found.append(row(f"live page of {label}, peak memory", "MB", [held], "<= 300"))
@@ -64,6 +65,10 @@ OFFLINE = {
     "replay with 18 estimators": ("replay", *EIGHTEEN),
     "diagnosis": ("diagnose",),
 }
+
+
+AIMS = {"replay with 18 estimators": ("<= 4.5", "<= 302"), "diagnosis": ("<= 4.5", "<= 326")}
+"""Half of what an hour took once: processor time, peak memory."""
 
 
 def stretch(base: Path, folder: Path, minutes: float) -> None:

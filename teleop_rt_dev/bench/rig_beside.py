@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from teleop_rt.axis import Axis
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.keys import generate_key, load_keys
 from teleop_rt.link.transport import UdpTransport
@@ -43,6 +44,25 @@ def _start(name: str, *words: str) -> subprocess.Popen[str]:
         if json.loads(line)["event"] == "ready":
             return process
     raise RuntimeError(f"{name} did not start")
+
+
+@contextmanager
+def rig_alone(rig: str) -> Iterator[tuple[Axis, int]]:
+    """Give a configured axis on a simulated rig of this kind, and the number of its process."""
+    sets = [f"rig=../rigs/simulated_{rig}.yaml"]
+    sets += registry.own_run(load_trial_file(SILICONE, sets).rig)
+    trial = load_trial_file(SILICONE, sets)
+    words = [word for one in sets for word in ("--set", one)]
+    with tempfile.TemporaryDirectory() as name:
+        side = _start("sim", *words, "--out", name)
+        axis = registry.open_axis(trial.rig, time.monotonic_ns)
+        try:
+            axis.configure()
+            yield axis, side.pid
+        finally:
+            axis.close()
+            side.terminate()
+            side.communicate()
 
 
 @contextmanager
