@@ -97,8 +97,8 @@ class ImpairedTransport:
 
     def receive(self) -> bytes | None:
         """Return the next packet that has arrived, or None; also lets packets go that are due."""
-        if self._queue:
-            self._deliver(self._now_ns())
+        if self._queue and self._queue[0][0] <= (now_ns := self._now_ns()):
+            self._deliver(now_ns)
         return self._inner.receive()
 
     def confirm_sender(self) -> None:

@@ -45,6 +45,7 @@ def _smooth(mean_ns: int, value_ns: int) -> int:
 class Statistics:
     """Counters of one end; rejected packets are counted by reason.
 
+    `overtaken` of them came after a newer one, too late to be of use; `refused` is the rest.
     `take_overs` counts how often another master opened a session while one was alive. `words` hold
     the numbers that kernels change.
     """
@@ -54,6 +55,7 @@ class Statistics:
         self.words[ROUND_TRIP] = self.words[ROUND_TRIP_MIN] = self.words[ONE_WAY] = -1
         self._words = self.words.data
         self.rejected: dict[str, int] = {}
+        self.refused = self.overtaken = 0
         self.take_overs = 0
 
     @property
@@ -86,16 +88,10 @@ class Statistics:
         """Smoothed delay from the peer to here, by the estimate of the peer's clock; -1 before."""
         return self._words[ONE_WAY]
 
-    @property
-    def refused(self) -> int:
-        """How many packets were not accepted, those left out that a newer one had overtaken."""
-        return sum(self.rejected.values()) - self.overtaken if self.rejected else 0
-
-    @property
-    def overtaken(self) -> int:
-        """How many packets came too late to be of use."""
-        return sum(self.rejected.get(reason, 0) for reason in OVERTAKEN)
-
     def reject(self, reason: str) -> None:
         """Count a packet that was not accepted."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
+        if reason in OVERTAKEN:
+            self.overtaken += 1
+        else:
+            self.refused += 1

@@ -7,6 +7,7 @@ from teleop_rt.link.codec import decode_header
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Kind, ModelMessage, MotionMessage, StateMessage
+from teleop_rt.link.statistics import Statistics
 from teleop_rt.link.transport import MemoryTransport
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 
@@ -121,6 +122,14 @@ def test_a_motion_that_is_refused_leaves_the_newest_one_that_kernels_know() -> N
     pair.slave.poll()
     assert pair.slave.statistics.rejected == {"late": 1}
     assert newest["target"][0] == -2.0
+
+
+def test_a_packet_that_a_newer_one_overtook_is_not_refused() -> None:
+    statistics = Statistics()
+    for reason in ("late", "late welcome", "replay", "late", "authentication"):
+        statistics.reject(reason)
+    assert (statistics.refused, statistics.overtaken) == (2, 3)
+    assert sum(statistics.rejected.values()) == 5
 
 
 def test_silence_is_the_time_since_the_last_accepted_packet_whatever_its_age() -> None:
