@@ -23,8 +23,13 @@ def refuse_existing(paths: Iterable[Path], what_next: str = "name another file")
 
 def refuse_filled(folder: Path, what_next: str = "name another folder with --out") -> None:
     """Raise OutputError where a folder that would be written into is a file, or not empty."""
+    refuse_file(folder, what_next)
+    if folder.is_dir() and any(folder.iterdir()):
+        raise OutputError(f"{folder}: is not empty: {what_next}")
+
+
+def refuse_file(folder: Path, what_next: str = "name another folder with --out") -> None:
+    """Raise OutputError where a folder that would be written into is a file, or below one."""
     place = next((one for one in (folder, *folder.absolute().parents) if one.exists()), folder)
     if place.exists() and not place.is_dir():
         raise OutputError(f"{place}: is a file: {what_next}")
-    if folder.is_dir() and any(folder.iterdir()):
-        raise OutputError(f"{folder}: is not empty: {what_next}")

@@ -71,6 +71,15 @@ def test_a_folder_with_something_in_it_is_refused_and_left_as_it_is(call, tmp_pa
     assert (tmp_path / "kept" / "model.yaml").read_text() == PRECIOUS
 
 
+@pytest.mark.parametrize("arguments", INTO_A_FOLDER, ids=lambda words: " ".join(map(str, words)))
+def test_a_folder_below_a_file_is_refused_before_any_work(call, tmp_path, arguments):
+    (tmp_path / "kept").write_text(PRECIOUS)
+    code, out, err = call(*arguments, "kept/below")
+    assert (code, out) == (2, "")
+    assert f"kept: is a file: name another folder with {arguments[-1]}" in err
+    assert (tmp_path / "kept").read_text() == PRECIOUS
+
+
 @pytest.mark.parametrize(("arguments", "name"), INTO_A_FILE, ids=str)
 def test_a_file_that_is_there_is_refused_and_left_as_it_is(call, tmp_path, arguments, name):
     (tmp_path / name).write_text(PRECIOUS)

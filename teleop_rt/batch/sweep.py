@@ -9,7 +9,7 @@ from typing import Any
 
 from teleop_rt import __version__
 from teleop_rt.batch.workers import Case, Evaluate, Result, Workers
-from teleop_rt.outputs import OutputError
+from teleop_rt.outputs import OutputError, refuse_file
 from teleop_rt.trial.folder import plain_json, write_json
 
 Progress = Callable[[int, int], None]
@@ -32,6 +32,7 @@ def open_folder(folder: Path, command: str, options: Mapping[str, Any] | None = 
     about = {"command": command, "version": __version__}
     about |= {} if options is None else {"options": plain_json(options)}
     note = folder / ABOUT
+    refuse_file(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if note.is_file() and json.loads(note.read_text(encoding="utf-8")) == about:

@@ -12,6 +12,7 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.recordings.layout import layout_of
 from teleop_rt.diagnosis.recordings.recording import from_arrays, load
 from teleop_rt.diagnosis.recordings.table_files import read_table
+from teleop_rt.diagnosis.recordings.units import factor_of
 from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.errors import RecordingError
@@ -102,6 +103,22 @@ def test_units_behind_a_slash_and_in_gravity_are_read(tmp_path: Path, rows: np.n
     found = load(path)
     np.testing.assert_allclose(found.position, 1e-6 * rows[:, 1])
     np.testing.assert_allclose(found.force, 9.80665e-3 * rows[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("role", "unit", "expected"),
+    [
+        *(("force", unit, newtons) for unit, newtons in (
+            ("g", 9.80665e-3), ("kgf", 9.80665), ("lbf", 4.4482216), ("N m", 1.0), ("nN", 1e-9),
+        )),
+        *(("position", unit, metres) for unit, metres in (
+            ("in", 0.0254), ("\u00b5m", 1e-6), ("um", 1e-6), ("nm", 1e-9),
+        )),
+        ("position", "rev", 6.2831853), ("time", "h", 3600.0), ("time", "min", 60.0),
+    ],
+)  # fmt: skip
+def test_a_unit_counts_as_its_definition_says(role: str, unit: str, expected: float) -> None:
+    assert factor_of(role, unit) == pytest.approx(expected, rel=1e-7)
 
 
 @pytest.mark.parametrize("day", ["2024-05-03 ", "3.5.2024 ", ""])
