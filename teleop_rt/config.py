@@ -1,7 +1,8 @@
 """The schema of trials: bounds beside each field, unknown keys refused.
 
 Rigs are in `config_rig.py`, operators in `config_operator.py`, the master's side in
-`config_master.py`, the link in `config_link.py`. `yaml_file.py` reads files and `config_loader.py`
+`config_master.py`, the link in `config_link.py`, what sections demand of each other in
+`config_contradictions.py`. `yaml_file.py` reads files and `config_loader.py`
 turns them into these models.
 """
 
@@ -11,10 +12,11 @@ from typing import Literal
 
 from pydantic import Field, SerializeAsAny, model_validator
 
+from teleop_rt.config_contradictions import contradictions
 from teleop_rt.config_extended import ExtendedModelConfig
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
-from teleop_rt.config_operator import DeviceOperator, HandOperator, OperatorConfig, ProfileOperator
+from teleop_rt.config_operator import OperatorConfig
 from teleop_rt.config_rig import RigConfig
 from teleop_rt.ids import RegressionId, SolverId
 from teleop_rt.section import Force, Section, Velocity
@@ -235,82 +237,6 @@ class TrialConfig(Section):
 
     @model_validator(mode="after")
     def _possible(self) -> TrialConfig:
-        problems = [
-            *self._forces_out_of_order(),
-            *self._motion_out_of_range(),
-            *self._sampled_too_slowly(),
-            *self._device_unknown(),
-        ]
-        if problems:
+        if problems := contradictions(self):
             raise ValueError("; ".join(problems))
         return self
-
-    def _forces_out_of_order(self) -> list[str]:
-        """Return problems if noise, onset force, force cap and limit are not in rising order."""
-        problems = []
-        cap, limit = self.slave.force_cap, self.rig.limits.force_max
-        onset, noise = self.contact.onset_force, self.rig.sensors.force_noise
-        friction = self.rig.sensors.friction_deviation
-        if cap > limit:
-            problems.append(f"slave.force_cap {cap} is above the rig's limits.force_max {limit}")
-        if onset >= cap:
-            problems.append(f"contact.onset_force {onset} is not below slave.force_cap {cap}")
-        if onset < 3 * noise:
-            problems.append(
-                f"contact.onset_force {onset} is below three times the rig's"
-                f" sensors.force_noise {noise}: noise would be taken for contact"
-            )
-        if onset < 3 * friction:
-            problems.append(
-                f"contact.onset_force {onset} is below three times the rig's"
-                f" sensors.friction_deviation {friction}: friction would be taken for contact"
-            )
-        return problems
-
-    def _sampled_too_slowly(self) -> list[str]:
-        """Return problems if a derivative's bandwidth is too large for the rate of the loop."""
-        cutoff, rate = self.estimation.differentiator.cutoff_hz, self.rig.rate_hz
-        if cutoff < rate / 3:
-            return []
-        problem = (
-            f"estimation.differentiator.cutoff_hz {cutoff:g} is not below a third of the rig's"
-            f" rate_hz {rate:g}: take less than {rate / 3:.3g} Hz, or a higher rate"
-        )
-        return [problem]
-
-    def _device_unknown(self) -> list[str]:
-        """Return problems if damping or rate of the operator's device is unknown."""
-        operator, master = self.operator, self.master
-        if not isinstance(operator, DeviceOperator):
-            missing = master.device_damping is None
-            return ["master.device_damping is missing: no device says its own"] if missing else []
-        if operator.rig.rate_hz != master.rate_hz:
-            problem = (
-                f"master.rate_hz {master.rate_hz} is not operator.rig.rate_hz"
-                f" {operator.rig.rate_hz}: a device is read and driven once a cycle of the master"
-            )
-            return [problem]
-        return []
-
-    def _motion_out_of_range(self) -> list[str]:
-        """Return problems if a profile cannot fit into the rig's range for any surface."""
-        operator, limits = self.operator, self.rig.limits
-        profile = operator.intention if isinstance(operator, HandOperator) else operator
-        if not isinstance(profile, ProfileOperator):
-            return []
-        problems = []
-        scale = self.master.position_scale
-        deepest = scale * (profile.mean + profile.amplitude)
-        room = limits.position_max - limits.position_min
-        if deepest > room:
-            problems.append(
-                f"the operator's mean and amplitude make {deepest:g} of penetration, and the rig's"
-                f" limits leave a range of {room:g}"
-            )
-        start = scale * profile.start
-        if not limits.position_min <= start <= limits.position_max:
-            problems.append(
-                f"the operator's start {start:g} is outside of the rig's limits"
-                f" {limits.position_min:g} to {limits.position_max:g}"
-            )
-        return problems

@@ -1,0 +1,94 @@
+"""What the sections of a trial demand of each other, checked once the whole of it is known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from teleop_rt.config_operator import DeviceOperator, HandOperator, ProfileOperator
+
+if TYPE_CHECKING:
+    from teleop_rt.config import TrialConfig
+
+
+def contradictions(trial: TrialConfig) -> list[str]:
+    """Return one sentence for each demand that a trial does not meet."""
+    return [
+        *_forces_out_of_order(trial),
+        *_motion_out_of_range(trial),
+        *_sampled_too_slowly(trial),
+        *_device_unknown(trial),
+    ]
+
+
+def _forces_out_of_order(trial: TrialConfig) -> list[str]:
+    """Return problems if noise, onset force, force cap and limit are not in rising order."""
+    problems = []
+    cap, limit = trial.slave.force_cap, trial.rig.limits.force_max
+    onset, noise = trial.contact.onset_force, trial.rig.sensors.force_noise
+    friction = trial.rig.sensors.friction_deviation
+    if cap > limit:
+        problems.append(f"slave.force_cap {cap} is above the rig's limits.force_max {limit}")
+    if onset >= cap:
+        problems.append(f"contact.onset_force {onset} is not below slave.force_cap {cap}")
+    if onset < 3 * noise:
+        problems.append(
+            f"contact.onset_force {onset} is below three times the rig's"
+            f" sensors.force_noise {noise}: noise would be taken for contact"
+        )
+    if onset < 3 * friction:
+        problems.append(
+            f"contact.onset_force {onset} is below three times the rig's"
+            f" sensors.friction_deviation {friction}: friction would be taken for contact"
+        )
+    return problems
+
+
+def _sampled_too_slowly(trial: TrialConfig) -> list[str]:
+    """Return problems if a derivative's bandwidth is too large for the rate of the loop."""
+    cutoff, rate = trial.estimation.differentiator.cutoff_hz, trial.rig.rate_hz
+    if cutoff < rate / 3:
+        return []
+    problem = (
+        f"estimation.differentiator.cutoff_hz {cutoff:g} is not below a third of the rig's"
+        f" rate_hz {rate:g}: take less than {rate / 3:.3g} Hz, or a higher rate"
+    )
+    return [problem]
+
+
+def _device_unknown(trial: TrialConfig) -> list[str]:
+    """Return problems if damping or rate of the operator's device is unknown."""
+    operator, master = trial.operator, trial.master
+    if not isinstance(operator, DeviceOperator):
+        missing = master.device_damping is None
+        return ["master.device_damping is missing: no device says its own"] if missing else []
+    if operator.rig.rate_hz != master.rate_hz:
+        problem = (
+            f"master.rate_hz {master.rate_hz} is not operator.rig.rate_hz"
+            f" {operator.rig.rate_hz}: a device is read and driven once a cycle of the master"
+        )
+        return [problem]
+    return []
+
+
+def _motion_out_of_range(trial: TrialConfig) -> list[str]:
+    """Return problems if a profile cannot fit into the rig's range for any surface."""
+    operator, limits = trial.operator, trial.rig.limits
+    profile = operator.intention if isinstance(operator, HandOperator) else operator
+    if not isinstance(profile, ProfileOperator):
+        return []
+    problems = []
+    scale = trial.master.position_scale
+    deepest = scale * (profile.mean + profile.amplitude)
+    room = limits.position_max - limits.position_min
+    if deepest > room:
+        problems.append(
+            f"the operator's mean and amplitude make {deepest:g} of penetration, and the rig's"
+            f" limits leave a range of {room:g}"
+        )
+    start = scale * profile.start
+    if not limits.position_min <= start <= limits.position_max:
+        problems.append(
+            f"the operator's start {start:g} is outside of the rig's limits"
+            f" {limits.position_min:g} to {limits.position_max:g}"
+        )
+    return problems
