@@ -330,7 +330,7 @@ def test_a_safeguard_that_the_rig_goes_without_is_the_red_line_of_the_status(
 ):
     trial = load_trial_file(SILICONE, ["rig=../rigs/simulated_serial.yaml"])
     (missing,) = trial.rig.unsafe
-    alone = Alone(SILICONE, [], ready.session, ready.session, None, None)
+    alone = Alone("slave", trial.name, SILICONE, [], ready.session, ready.session, None, None)
     alone.describe(trial, [], "")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.delenv("NO_COLOR", raising=False)
