@@ -48,7 +48,7 @@ class Mailbox:
         elif kind == Kind.STATE:
             self.hold_state(body)
         elif isinstance(read, ModelMessage):
-            self.model = read
+            self.hold_model(read)
 
     def hold_motion(self, body: bytes) -> None:
         """Keep a motion that is news, and that kernels have already."""
@@ -57,6 +57,10 @@ class Mailbox:
     def hold_state(self, body: bytes) -> None:
         """Keep a state that is news."""
         self._state, self.fresh_state = body, True
+
+    def hold_model(self, model: ModelMessage) -> None:
+        """Keep a model that is news."""
+        self.model = model
 
     def forget(self) -> None:
         """Forget all of a session that has ended, also those of this very poll."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import can
@@ -210,28 +211,27 @@ def renders_sanely(world: FaultWorld) -> str:
     return "" if math.isfinite(bound.rendered_stiffness) else "not finite"
 
 
+def both(first: Callable[[], None], then: Callable[..., None], *values: Any) -> None:
+    first()
+    then(*values)
+
+
 def applied_in_order(world: FaultWorld) -> str:
     """Watch what is applied over a second: strictly newer, and felt without a step."""
     problem = []
     newest: dict[tuple[str, str], tuple[int, int]] = {}
+
+    def note(side: str, endpoint: Any, kind: Kind) -> None:
+        sequence, key = endpoint.newest(kind), (side, kind.name)
+        if sequence <= newest.get(key, (0, 0)):
+            problem.append(f"{key}: {sequence} after {newest[key]}")
+        newest[key] = sequence
+
     for side in ("slave", "master"):
         endpoint = getattr(world.world, f"{side}_endpoint")
-        store = endpoint.store
-
-        def noted(
-            kind: int,
-            *body: Any,
-            side: str = side,
-            endpoint: Any = endpoint,
-            store: Any = store,
-        ) -> None:
-            sequence, key = endpoint.newest(kind), (side, Kind(kind).name)
-            if sequence <= newest.get(key, (0, 0)):
-                problem.append(f"{key}: {sequence} after {newest[key]}")
-            newest[key] = sequence
-            store(kind, *body)
-
-        endpoint.store = noted
+        for name, kind in (("motion", Kind.MOTION), ("state", Kind.STATE), ("model", Kind.MODEL)):
+            keep, noted = getattr(endpoint, f"hold_{name}"), partial(note, side, endpoint, kind)
+            setattr(endpoint, f"hold_{name}", partial(both, noted, keep))
     world.until(lambda: False, 1000)
     if too_steep := slew(world):
         problem.append(too_steep)
