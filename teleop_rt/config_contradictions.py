@@ -1,4 +1,4 @@
-"""What the sections of a trial demand of each other, checked once the whole of it is known."""
+"""Demands of the sections of a trial on each other, checked once the whole of it is known."""
 
 from __future__ import annotations
 
