@@ -11,7 +11,7 @@ COMMANDS = {
     "bench": "measure speed against bars and peers",
     "campaign": "run a campaign: many trials, faults, attacks, recordings",
     "docs": "build the documentation, or make its pictures, gallery, notebook",
-    "path": "draw the path from `run` to a tick into CONTRIBUTING.md",
+    "path": "print the path from `run` to a tick, and write it into CONTRIBUTING.md",
     "schemas": "write the JSON Schemas that the shipped YAML files name",
 }
 """Name and help of each command; its code is `main` of `teleop_rt_dev.NAME.command`."""

@@ -110,8 +110,9 @@ def drawn(text: str) -> str:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Write the picture into CONTRIBUTING.md."""
+    """Print the picture, and write it into CONTRIBUTING.md."""
     argparse.ArgumentParser(prog="teleop-rt-dev path", description=__doc__).parse_args(arguments)
     text = CONTRIBUTING.read_text(encoding="utf-8")
     CONTRIBUTING.write_text(drawn(text), encoding="utf-8")
+    print(f"{picture()}\n\nfiles below teleop_rt/; also written into {CONTRIBUTING.name}")
     return 0
