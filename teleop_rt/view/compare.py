@@ -91,21 +91,7 @@ def _figures(run: Run) -> Iterator[tuple[str, _Raw]]:
     summary, graded = run.summary, grades(run.summary)
     safety, master, link = summary["safety"], summary["master"], summary["link"]
     yield "ended", _Raw(_ended(safety), None, graded["safety"])
-    chosen = selected_row(summary)
-    if chosen is None:
-        yield "model", _Raw("none", None, graded["model"])
-    else:
-        method = method_name(chosen["regression"], chosen["solver"])
-        yield (
-            "model",
-            _Raw(f"{model_name(chosen['model'])}, {method}", None, graded["model"]),
-        )
-        for name, parameter in chosen["parameters"].items():
-            heading = f"{name} [{printed(parameter['unit'])}]"
-            yield (
-                heading,
-                _Raw(number(parameter["value"], 5), parameter["value"], ratio=True),
-            )
+    yield from _model_figures(summary, graded["model"])
     error = selected_nrmse(summary)
     yield "model error", _share(error, worst([of_error(error), graded["model"]]))
     yield "felt error", _share(master["nrmse"], graded["felt_force"])
@@ -124,10 +110,34 @@ def _figures(run: Run) -> Iterator[tuple[str, _Raw]]:
     yield "round trip [ms]", _Raw(number(trip, 4), trip, graded["link"])
     share = lost_share(link)
     yield "lost", _share(share, graded["link"], ratio=False)
+    yield from _loop_figures(summary, graded["loop"])
+
+
+def _model_figures(summary: Mapping[str, Any], grade: Grade) -> Iterator[tuple[str, _Raw]]:
+    """Yield the selected model, and each of its parameters."""
+    chosen = selected_row(summary)
+    if chosen is None:
+        yield "model", _Raw("none", None, grade)
+    else:
+        method = method_name(chosen["regression"], chosen["solver"])
+        yield (
+            "model",
+            _Raw(f"{model_name(chosen['model'])}, {method}", None, grade),
+        )
+        for name, parameter in chosen["parameters"].items():
+            heading = f"{name} [{printed(parameter['unit'])}]"
+            yield (
+                heading,
+                _Raw(number(parameter["value"], 5), parameter["value"], ratio=True),
+            )
+
+
+def _loop_figures(summary: Mapping[str, Any], grade: Grade) -> Iterator[tuple[str, _Raw]]:
+    """Yield missed ticks and the latencies of the slave's loop, where a real clock shows them."""
     missed = summary["missed_ticks"]
     yield (
         "ticks missed",
-        _Raw(number(missed), None if missed is None else float(missed), graded["loop"]),
+        _Raw(number(missed), None if missed is None else float(missed), grade),
     )
     for name in ("wake_latency_us", "work_us"):
         if summary[name] is not None:
