@@ -91,6 +91,16 @@ def test_columns_by_blanks_without_names_are_numbered(tmp_path: Path, rows: np.n
     np.testing.assert_allclose(load(path, layout).force, rows[:, 2])
 
 
+@pytest.mark.parametrize("delimiter", [";", ",", "\t"])
+def test_a_line_of_blanks_within_a_table_is_passed_over(
+    tmp_path: Path, rows: np.ndarray, delimiter: str
+) -> None:
+    text = lines(rows, delimiter)
+    text[40:40] = ["", "   "]
+    table = read_table(written(tmp_path / "blank.csv", text))
+    np.testing.assert_allclose(np.column_stack(list(table.values())), rows, atol=1e-6)
+
+
 def test_names_by_blanks_keep_their_units(tmp_path: Path, rows: np.ndarray) -> None:
     path = written(tmp_path / "a.dat", ["time [s]  disp [mm]  load (N)", *lines(rows, "   ")])
     np.testing.assert_allclose(load(path).position, 1e-3 * rows[:, 1])
