@@ -133,11 +133,21 @@ def instead(path: str, replacing: Callable[[Function], Function]) -> Iterator[No
     others = [m for m in modules() if getattr(m, name, None) is function]
     for place in (owner, *others):
         setattr(place, name, replacing(function))
+    forget()
     try:
         yield
     finally:
         for place in (owner, *others):
             setattr(place, name, function)
+        forget()
+
+
+def forget() -> None:
+    """Clear what functions of diagnosis remember: it was made with another gate."""
+    for module in modules():
+        for value in vars(module).values():
+            if hasattr(value, "cache_clear"):
+                value.cache_clear()
 
 
 def differs(result: Any, plain: Any) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.inference import explanation, ranking, unsupported
+from teleop_rt.diagnosis.samples.smoothing import half_window
 from teleop_rt_dev.campaign import ablate as campaign
 
 
@@ -63,3 +64,14 @@ def test_constants_are_tried_at_half_and_at_twice_and_put_back() -> None:
     assert set(seen) == {before, 0.5 * before, 2.0 * before}
     assert before == explanation.UNKNOWN_DIRECTIONS
     assert not any(flag for flags in changed.values() for flag in flags)
+
+
+def test_a_window_that_is_remembered_does_not_hide_that_its_gate_is_left_out() -> None:
+    """The second diagnosis of a record found the window of the first in a cache."""
+    t = np.arange(4000) * 1e-2
+    position = np.sin(0.4 * t) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    path, without = campaign.GATES["window by the spectrum"]
+    wide = half_window(position, 1e-2)
+    with campaign.instead(path, campaign.always(without)):
+        assert half_window(position, 1e-2) < wide
+    assert half_window(position, 1e-2) == wide
