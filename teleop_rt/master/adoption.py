@@ -4,8 +4,9 @@ f = (1 - w) f_old + w f_new. Moving w by Δw changes the force by Δw (f_new - f
 energy stored under the hand by ΔE = Δw (V_new - V_old); the first is limited per tick, the
 second is paid from a tank that the hand's own dissipation fills (Franken et al. 2011). A force
 that changes within a tenth of a second is a kick: it sets off the ringing of a hand on a wall. So
-w follows a cosine over `BLEND_S`, whose tones die above 1/BLEND_S; what changes the force by less
-than the step takes as much less time, and estimates that converge are followed as they come.
+w follows a cosine over `BLEND_S`, whose tones die above 1/BLEND_S; a large change takes longer, and
+what changes the force by less than the step takes as much less time: estimates that converge are
+followed as they come.
 
 A wall that arrives in the middle of a blend waits, the newest replacing the one before. It
 takes the place of `new` as soon as that is affordable, or when w is 1. A blend that went back for
@@ -26,6 +27,14 @@ from teleop_rt.master.walls import NO_WALL, Wall
 
 BLEND_S = 0.2
 """How long a blend takes that changes the force by its step or more: a hand rings at 4 to 10 Hz."""
+GENTLE_STEPS = 4.0
+"""Force steps up to which a change takes `BLEND_S`; a larger one takes longer by the root of it.
+
+The tones of a cosine of length T fall with the square of fT, so that what rings stays the same: at
+5 Hz on 6 kN/m swings of 0.2 mm, as after 0.2 s for the 2 N of four steps of the shipped handles.
+"""
+LONGEST_S = 0.5
+"""The longest blend, for a wrong wall is felt so long: at 4 Hz a fifteenth of a change rings."""
 STARVED_S = 0.1
 """A blend for which the tank has had nothing for so long is at a standstill."""
 PLACE_HALVINGS = 16
@@ -75,7 +84,8 @@ class Adoption:
         self.old = self.new = NO_WALL
         self._waiting: Wall | None = None
         self.weight = 1.0
-        self._lasts_s = self._next_lasts_s = BLEND_S
+        self._lasts_s: float | None = None
+        self._next_lasts_s: float | None = None
         self._starved_s = 0.0
 
     @property
@@ -144,8 +154,11 @@ class Adoption:
             self._waiting = self._waiting.moved(dt_s, share)
         return work_J
 
-    def offer(self, wall: Wall, lasts_s: float = BLEND_S) -> None:
-        """Take a wall to be adopted over the next ticks: in `lasts_s`, or 0 as fast as may be."""
+    def offer(self, wall: Wall, lasts_s: float | None = None) -> None:
+        """Take a wall to be adopted over the next ticks: in `lasts_s`, or 0 as fast as may be.
+
+        Without, it takes as long as a hand needs that is not to ring.
+        """
         self._starved_s = 0.0
         if self.weight >= 1:
             self.old, self.new, self.weight = self.new, wall, 0.0
@@ -250,7 +263,11 @@ class Adoption:
 
         Faster, a blend is a step for a hand on a wall, which then rings.
         """
-        lasts_s = self._lasts_s * min(1.0, difference / self._force_step)
+        steps = difference / self._force_step
+        lasts_s = self._lasts_s
+        if lasts_s is None:
+            lasts_s = min(LONGEST_S, BLEND_S * math.sqrt(max(1.0, steps / GENTLE_STEPS)))
+        lasts_s *= min(1.0, steps)
         if lasts_s <= dt_s:
             return self.weight if backwards else 1 - self.weight
         angle = math.acos(1 - 2 * self.weight)

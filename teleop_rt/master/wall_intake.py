@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from teleop_rt.link.messages import ModelMessage, StateMessage
-from teleop_rt.master.adoption import BLEND_S, Adoption
+from teleop_rt.master.adoption import Adoption
 from teleop_rt.master.passivity import WallLimiter
 from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
@@ -15,8 +15,10 @@ from teleop_rt.master.rhythm import Rhythm
 from teleop_rt.master.screening import Screening
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 
-WITHDRAWN_S = 0.1
-"""How long a wall takes to be withdrawn where nothing is: it pushes a tool into the body behind."""
+WITHDRAWN_S = 0.2
+"""How long a wall takes to be withdrawn where nothing is, whatever its force: the tool meets the
+body behind it meanwhile, and a hand that it is taken from faster rings.
+"""
 
 
 class WallIntake:
@@ -137,7 +139,7 @@ class WallIntake:
             self._adopt(replace(adoption.newest, surface=depth), hand, lasts_s=WITHDRAWN_S)
 
     def _adopt(
-        self, wall: Wall, hand: float, *, gives_way: bool = False, lasts_s: float = BLEND_S
+        self, wall: Wall, hand: float, *, gives_way: bool = False, lasts_s: float | None = None
     ) -> bool:
         """Offer a wall as far as the device can render it, at the hand if it is not felt yet.
 

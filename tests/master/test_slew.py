@@ -17,7 +17,7 @@ def test_force_slew_stays_within_its_limit_at_every_tick_of_forty_bad_networks()
     for seed in range(40):
         rng = np.random.default_rng(seed)
         world = World(Profile(QUICK), there=BAD, back=BAD, seed=seed, model_after=seed % 3 * 10)
-        for tick in range(1500):
+        for tick in range(1700):
             if tick % 100 == 0:
                 world.slave.k = 3600 * rng.uniform(0.3, 2.0)
                 world.slave.ticks_in_contact = 0
