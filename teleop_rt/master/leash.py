@@ -5,11 +5,14 @@ friction with an elastic grip on the hand (Hayward and Armstrong 2000): it holds
 forward, follows a hand that goes back without pushing it, and slides at its limit, so it gives no
 energy. Its limit rises from half the leash on, and is whole at its end. It falls slowly, also when
 the slave begins to follow or the touch is known: a hand that has leant against the brake would be
-flung forward where it ended at once, and the tool behind it.
+flung forward where it ended at once, and the tool behind it. The grip is damped as far as the
+device can render it: a hand that taps on a spring alone rings, damped by little but its own.
 """
 
 from __future__ import annotations
 
+Grip = tuple[float, float]
+"""Stiffness and damping of a brake that holds: `WallLimiter.grip`."""
 RELEASE_S = 1.0
 """In which the whole brake is taken away: a hand of 400 N/m then gives way at 0.1 m/s."""
 
@@ -17,34 +20,39 @@ RELEASE_S = 1.0
 class Leash:
     """Holds back a hand by how far it leads; forces and lengths are the slave's, before scaling."""
 
-    def __init__(self, length: float, force_max: float, stiffness: float, period_s: float) -> None:
+    def __init__(self, length: float, force_max: float, grip: Grip, period_s: float) -> None:
         self._length = length
         self._force_max = force_max
-        self._stiffness = stiffness
+        self._stiffness, self._damping = grip
         self._release_step = force_max * period_s / RELEASE_S
         self.reset()
 
     def reset(self) -> None:
         """Let go."""
         self._anchor: float | None = None
-        self._limit = self._force = 0.0
+        self._limit = self._spring = 0.0
         self.slipped = False
         self.longest = 0.0
 
-    def update(self, hand: float, lead: float) -> float:
-        """Return the force against a hand that leads the slave by `lead`, 0 once it may."""
+    def update(self, hand: float, lead: float, velocity: float) -> float:
+        """Return the force against a hand that leads the slave by `lead`, 0 once it may.
+
+        It is never below 0, nor above the limit: the damping neither pushes nor holds more, and it
+        ends as soon as the brake lets go, for a wall with a damping of its own may be felt by then.
+        """
         self.longest = max(self.longest, lead)
         share = min(1.0, max(0.0, 2 * lead / self._length - 1))
         self._limit = max(share * self._force_max, self._limit - self._release_step)
         if self._limit <= 0.0:
-            self._anchor, self._force = None, 0.0
+            self._anchor, self._spring = None, 0.0
             return 0.0
         if self._anchor is None or hand < self._anchor:
             self._anchor = hand
         if share == 0.0:
-            self._anchor = max(self._anchor, hand - self._force / self._stiffness)
+            self._anchor = max(self._anchor, hand - self._spring / self._stiffness)
         if self._stiffness * (hand - self._anchor) > self._limit:
             self._anchor = hand - self._limit / self._stiffness
             self.slipped = self.slipped or share == 1.0
-        self._force = self._stiffness * (hand - self._anchor)
-        return self._force
+        self._spring = self._stiffness * (hand - self._anchor)
+        damping = self._damping if share > 0.0 else 0.0
+        return max(0.0, min(self._limit, self._spring + damping * velocity))

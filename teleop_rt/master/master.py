@@ -98,7 +98,7 @@ class Master:
             port.delay_s, self._dt_s, capacity_J, allowance_W, damps=coupling is None
         )
         self.shaking = ShakeGuard(self._dt_s, port.damping)
-        brake, grip = config.leash_force / config.force_scale, self.limiter.stiffness_max
+        brake, grip = config.leash_force / config.force_scale, self.limiter.grip
         self.leash = Leash(1e-3 * config.leash_mm, brake, grip, self._dt_s)
         scale = config.position_scale
         low, high = (-math.inf, math.inf) if self._device is None else self._device.watch.travel
@@ -131,7 +131,7 @@ class Master:
         self._operator.reset()
         self.tick = 0
         self.intake.reset()
-        self.force = self.position = self.velocity = self.target = 0.0
+        self.force = self.position = self.velocity = self._moving = self.target = 0.0
         self._surface_J = 0.0
         self._stall.reset()
         self._started_ns = -1
@@ -163,9 +163,8 @@ class Master:
         if self._started_ns < 0 and self.engagement.ever_engaged:
             self._started_ns = now_ns
         since_s = (now_ns - self._started_ns) * 1e-9 if self._started_ns >= 0 else 0.0
-        self.position, self.velocity = self._operator.update(since_s, self.force)
-        if self._started_ns < 0:
-            self.velocity = 0.0
+        self.position, self._moving = self._operator.update(since_s, self.force)
+        self.velocity = 0.0 if self._started_ns < 0 else self._moving
 
     def _decide(self, now_ns: int) -> None:
         """Decide on link state, wall, offset and force."""
@@ -221,8 +220,9 @@ class Master:
         slave, hand = self.slave, self.hand
         if self._device is None or self._coupling is not None:
             return 0.0
-        force = self.ends.brake(hand, touches=self._touches)
-        leash = self.leash.update(hand, self._lead(hand, slave))
+        velocity = self._position_scale * self._moving
+        force = self.ends.brake(hand, velocity, touches=self._touches)
+        leash = self.leash.update(hand, self._lead(hand, slave), velocity)
         return max(force, leash) if force > 0.0 else force + leash
 
     def _lead(self, hand: float, slave: StateMessage | None) -> float:

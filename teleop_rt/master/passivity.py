@@ -49,6 +49,10 @@ GRID_POINTS = 512
 _REDUCTIONS, _ALMOST = 60, 0.999
 STIFFEST_SHARE = 0.999
 """Of the bound, for a wall beyond it: at the bound itself no damping fits beside the spring."""
+GRIP_SHARE = 0.8
+"""Of the bound, for the spring of a brake: damping of twice the device's own friction fits beside
+it, so that a hand that taps on the brake comes to rest; still softer, it throws a heavy hand back.
+"""
 EXCESS = 0.1
 """Excess of a wall over the bound, as a share of it, from which its latency is made up for."""
 LOWEST_TONE, HIGHEST_TONE = 1e-3, 3 * np.pi
@@ -282,6 +286,12 @@ class WallLimiter:
     def trust(self, share: float) -> None:
         """Count on a share of the damping that the device says it has."""
         self._bound = PassivityBound(replace(self._port, damping=share * self._port.damping))
+
+    @property
+    def grip(self) -> tuple[float, float]:
+        """Stiffness and damping of a brake that holds: softer than a wall, and well damped."""
+        stiffness = GRIP_SHARE * self._bound.stiffness_max
+        return stiffness, self._bound.damping_max(stiffness)
 
     @property
     def stiffness_max(self) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.master.leash import Leash
+from teleop_rt.master.leash import Grip, Leash
 
 MARGIN_SHARE = 0.05
 """Of the travel, at each end: 20 mm of the 400 mm of the shipped handles."""
@@ -23,14 +23,12 @@ class TravelEnds:
     """
 
     def __init__(
-        self, ends: tuple[float, float], force_max: float, stiffness: float, period_s: float
+        self, ends: tuple[float, float], force_max: float, grip: Grip, period_s: float
     ) -> None:
         self._low, self._high = ends
         travel = self._high - self._low
         self.margin = MARGIN_SHARE * travel if math.isfinite(travel) else 0.0
-        self._brakes = tuple(
-            Leash(2 * self.margin, force_max, stiffness, period_s) for _ in range(2)
-        )
+        self._brakes = tuple(Leash(2 * self.margin, force_max, grip, period_s) for _ in range(2))
         self.reset()
 
     def reset(self) -> None:
@@ -57,8 +55,9 @@ class TravelEnds:
         self.withheld += abs(withheld)
         return withheld
 
-    def brake(self, hand: float, *, touches: bool) -> float:
+    def brake(self, hand: float, velocity: float, *, touches: bool) -> float:
         """Return the force against a hand that goes on towards an end near it."""
         beyond = 0.0 if touches else self.beyond(hand)
         low, high = self._brakes
-        return high.update(hand, self.margin + beyond) - low.update(-hand, self.margin - beyond)
+        held = high.update(hand, self.margin + beyond, velocity)
+        return held - low.update(-hand, self.margin - beyond, -velocity)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from itertools import pairwise
 
 import pytest
 
 from teleop_rt.master.leash import RELEASE_S, Leash
+from teleop_rt.master.passivity import Port, WallLimiter
 
 T = 1e-3
 
 
 def pulled(lead: float) -> tuple[Leash, float]:
     """A leash of 50 mm and 40 N whose hand has gone on by 10 mm at this lead."""
-    leash, hand = Leash(0.05, 40.0, 5000.0, T), 0.0
+    leash, hand = Leash(0.05, 40.0, (5000.0, 0.0), T), 0.0
     for tick in range(100):
         hand = 1e-4 * tick
-        leash.update(hand, lead)
+        leash.update(hand, lead, 0.0)
     return leash, hand
 
 
@@ -25,23 +28,23 @@ def pulled(lead: float) -> tuple[Leash, float]:
 )
 def test_the_brake_grows_from_half_of_the_leash_and_slips_at_its_end(lead, force):
     leash, hand = pulled(lead)
-    assert leash.update(hand, lead) == pytest.approx(force)
+    assert leash.update(hand, lead, 0.0) == pytest.approx(force)
     assert leash.slipped is (lead >= 0.05)
 
 
 def test_a_hand_that_goes_back_is_not_pushed():
     leash, hand = pulled(0.05)
-    assert leash.update(hand - 0.02, 0.05) == 0.0
-    assert leash.update(hand - 0.021, 0.05) == 0.0
+    assert leash.update(hand - 0.02, 0.05, 0.0) == 0.0
+    assert leash.update(hand - 0.021, 0.05, 0.0) == 0.0
 
 
 def test_a_hand_that_leans_against_it_is_not_flung_when_the_slave_follows():
     """A spring of 400 N/m held by the whole brake, whose lead is gone in a tick."""
     leash, hand = pulled(0.05)
-    forces = [leash.update(hand, 0.05)]
+    forces = [leash.update(hand, 0.05, 0.0)]
     for _ in range(round(1.1 * RELEASE_S / T)):
         moved = (forces[0] - forces[-1]) / 400.0
-        forces.append(leash.update(hand + moved, 0.0))
+        forces.append(leash.update(hand + moved, 0.0, 0.0))
     steps = [before - after for before, after in pairwise(forces)]
     assert max(steps) <= 40.0 * T / RELEASE_S * (1 + 1e-6)
     assert min(steps) >= 0.0
@@ -51,8 +54,34 @@ def test_a_hand_that_leans_against_it_is_not_flung_when_the_slave_follows():
 def test_a_hand_that_swings_while_the_brake_lets_go_is_not_held_again():
     """To and fro it is a spring no more: each time that the hand goes back, less is left."""
     leash, hand = pulled(0.05)
-    held = leash.update(hand, 0.05)
+    held = leash.update(hand, 0.05, 0.0)
     ways = [-0.001, 0.0, -0.001, 0.001]
-    forces = [leash.update(hand + way, 0.0) for way in ways]
+    forces = [leash.update(hand + way, 0.0, 0.0) for way in ways]
     assert all(after <= before for before, after in pairwise([held, *forces]))
     assert forces[-1] < held - 9.0  # twice a millimetre of 5000 N/m
+
+
+def test_a_hand_that_taps_on_the_brake_comes_to_rest():
+    """A hand of 1.6 kg that leans with 20 N, on a device of 8 N s/m that answers 0.48 ms late."""
+    port = Port(T, 8.0, "difference", 30.0, 0.48e-3)
+    grip = WallLimiter(port, 100.0, 1.0).grip
+    leash = Leash(0.05, 40.0, grip, T)
+    late = deque([20.0, 20.0], maxlen=2)
+    x = 20.0 / grip[0]
+    v, velocity, before, tops = 0.05, 0.0, x, []
+    leash.update(0.0, 0.05, 0.0)
+    pole = math.exp(-2 * math.pi * 30.0 * T)
+    for _ in range(round(0.5 / T)):
+        velocity += (1 - pole) * ((x - before) / T - velocity)
+        before = x
+        late.append(leash.update(x, 0.05, velocity))
+        for step in range(20):
+            acts = late[0] if step * T / 20 < 0.48e-3 else late[1]
+            was = v
+            v += (20.0 - acts - 8.0 * v) / 1.6 * T / 20
+            x += v * T / 20
+            if was > 0.0 >= v:
+                tops.append(x - 20.0 / grip[0])
+    angular = math.sqrt(grip[0] / 1.6)
+    damping = -1.6 * angular / (2 * math.pi) * math.log(tops[2] / tops[0])
+    assert damping > 1.5 * 8.0  # 0.5 N s/m on a grip at the bound without damping

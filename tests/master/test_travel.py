@@ -18,7 +18,7 @@ T = 1e-3
 
 def ends() -> TravelEnds:
     """A travel of 400 mm, so margins of 20 mm, and a brake of 40 N."""
-    return TravelEnds((-0.2, 0.2), 40.0, 5000.0, T)
+    return TravelEnds((-0.2, 0.2), 40.0, (5000.0, 0.0), T)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
@@ -35,21 +35,21 @@ def test_in_contact_nothing_is_withheld_and_no_brake_is_added():
     travel = ends()
     travel.withhold(0.17, touches=True)
     assert travel.withhold(0.19, touches=True) == 0.0
-    assert travel.brake(0.195, touches=True) == 0.0
+    assert travel.brake(0.195, 0.0, touches=True) == 0.0
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_brake_grows_over_the_last_of_the_travel_and_never_pushes_back(way):
     travel = ends()
-    forces = [way * travel.brake(way * x, touches=False) for x in np.arange(0.0, 0.2, 1e-4)]
+    forces = [way * travel.brake(way * x, 0.0, touches=False) for x in np.arange(0.0, 0.2, 1e-4)]
     assert max(forces[:1795]) == 0.0
     assert forces[1900] == pytest.approx(20.0, rel=0.05)
     assert forces[-1] == pytest.approx(40.0, rel=0.05)
-    assert way * travel.brake(way * 0.15, touches=False) == 0.0
+    assert way * travel.brake(way * 0.15, 0.0, touches=False) == 0.0
 
 
 def test_an_ideal_device_has_no_ends():
-    travel = TravelEnds((-math.inf, math.inf), 40.0, 5000.0, T)
+    travel = TravelEnds((-math.inf, math.inf), 40.0, (5000.0, 0.0), T)
     assert travel.withhold(5.0, touches=False) == 0.0
     assert travel.withhold(50.0, touches=False) == 0.0
 
