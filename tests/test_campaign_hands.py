@@ -9,9 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from teleop_rt.master.walls import Wall
 from teleop_rt_dev.campaign import hands as campaign_hands
-from teleop_rt_dev.hands import stranger
-from teleop_rt_dev.hands.ideal import IdealWall
+from teleop_rt_dev.hands import same_hand, stranger
+from teleop_rt_dev.hands.ideal import IdealWall, ideal_motion
 from teleop_rt_dev.hands.oscillation import longest_oscillation
 
 T = 1e-3
@@ -213,9 +214,9 @@ def test_only_swings_as_large_as_those_seen_are_the_hands_own(monkeypatch):
     asked = []
 
     def ideal(share):
-        def motion(_trial, stiffness=None):
-            asked.append(stiffness)
-            return share * truth[:, 1] * (stiffness is not None), 3.0 * np.sin(50 * t)
+        def motion(_trial, wall):
+            asked.append(wall.stiffness)
+            return share * truth[:, 1] * (wall.stiffness is not None), 3.0 * np.sin(50 * t)
 
         return motion
 
@@ -227,3 +228,43 @@ def test_only_swings_as_large_as_those_seen_are_the_hands_own(monkeypatch):
     assert asked == [None, 6e3, None, 6e3]
     as_stiff = {"passivity": {"stiffness": {"true": 6e3, "rendered": 6e3}, "stiffness_max": 7e3}}
     assert not campaign_hands.judge(trial, truth, OUTCOME | as_stiff)["hands_own"]
+
+
+def rendered_path(surfaces):
+    """A path of a wall of 3 kN/m at these places, a tick each; the leash holds nobody."""
+    path = same_hand.Rendered()
+    for surface in surfaces:
+        wall = Wall(float(surface), 3000.0, 5.0)
+        path.ticks.append(same_hand.Tick(wall, wall, 1.0, 0.0, np.inf))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("tremor_N", "swing_m", "own"), [(1.5, 0.0, True), (0.0, 1e-3, False), (0.3, 1e-3, False)]
+)
+def test_swings_are_the_hands_own_where_the_same_hand_makes_them_on_a_wall_that_stays(
+    tremor_N, swing_m, own
+):
+    """A trembling hand at a wall, or a wall that is moved under a hand by 1 mm at 6 Hz."""
+    hand = [
+        "operator.hand.mass_N_s2_per_m=0.5", "operator.hand.stiffness_N_per_m=800",
+        "operator.hand.damping_N_s_per_m=5", f"operator.hand.tremor_N={tremor_N}",
+        "operator.hand.tremor_hz=6", "operator.hand.intention.frequency_hz=0.5", "duration_s=2.5",
+    ]  # fmt: skip
+    trial = campaign_hands.load_trial_file(campaign_hands.TRIAL, hand)
+    t = np.arange(2500) * T
+    path = rendered_path(0.005 + swing_m * np.sin(2 * np.pi * 6.0 * t) * (t > 1.0))
+    never = 1e9
+    position, motor = ideal_motion(
+        trial, same_hand.StaysAsItWas(trial, path, never, never, with_body=False)
+    )
+    rows = same_hand.whole(stranger.shaken(position, motor, T))
+    assert rows
+    left = [row for row in rows if not same_hand.is_own(row, trial, path, position, motor)]
+    assert bool(left) is not own
+
+
+def test_a_hand_without_a_wall_that_changes_is_judged_by_its_own_taps():
+    """Its second judge's row of 8 swings is what the same hand does on one unchanging wall."""
+    found = campaign_hands.run(540102, 6.0)
+    assert found["holds"], found

@@ -10,8 +10,9 @@ nothing is shared with what the product watches. A hand that reacts late is no p
 oscillation counts only where the same hand makes none against an ideal wall, which a fine
 integration renders: the true one, and a spring as soft as the one that was rendered, on which
 tremor moves a hand further. A second judge, `hands/stranger.py`, which shares no code with the
-project or with the first, finds what it calls shaking; a trial in which either finds one does not
-hold.
+project or with the first, finds what it calls shaking; what the same hand does on the continuous
+wall that was rendered then, and that never changes, is subtracted as its own
+(`hands/same_hand.py`). A trial in which either finds one does not hold.
 Energy is that which a contact gives back beyond what the hand put into it; a surface that moves by
 itself may do its own work, |f| times its fastest speed, on top of the tank.
 Prints a table by kind of wall. Exits with 1 where a trial does not hold.
@@ -37,6 +38,7 @@ from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.hands.drawn import KINDS, draw
 from teleop_rt_dev.hands.ideal import IdealWall, ideal_motion
 from teleop_rt_dev.hands.oscillation import longest_oscillation
+from teleop_rt_dev.hands.same_hand import Rendered, is_own, whole
 from teleop_rt_dev.hands.stranger import judge as strangers_rows
 from teleop_rt_dev.paths import TRIALS
 
@@ -59,7 +61,7 @@ def run(number: int, seconds: float) -> dict[str, Any]:
     """Run a trial in lock-step and judge it by the plant's truth."""
     drawn = draw(number, seconds)
     trial = load_trial_file(TRIAL, [f"duration_s={drawn.seconds}", *drawn.changes])
-    rows, tool_N = [], 0.0
+    rows, tool_N, rendered = [], 0.0, Rendered()
     with tempfile.TemporaryDirectory() as name:
         one = LockstepTrial(trial, TRIAL.parent, open_bench, Path(name))
         one.slave.configure()
@@ -68,6 +70,7 @@ def run(number: int, seconds: float) -> dict[str, Any]:
         while one.clock.now_ns() < 1_000_000_000 + drawn.seconds * 1e9:
             one.step()
             rows.append(truth_row.copy())
+            rendered.note(one.master.master)
             tool_N = max(tool_N, one.slave.sample.force)
         outcome, slave = one.master.outcome()["rendering"], one.slave.safety.fault.name
         one.bench.axis.stop()
@@ -75,16 +78,20 @@ def run(number: int, seconds: float) -> dict[str, Any]:
     truth = np.array(rows)
     found = judge(trial, truth, outcome)
     found |= {"slave_fault": slave, "tool_over_cap": tool_N / trial.slave.force_cap}
-    found |= strangers(trial, truth)
+    found |= strangers(trial, truth, rendered)
     found["holds"] &= slave == "none" and found["tool_over_cap"] <= TOOL_SLACK
     found["holds"] &= found["strangers_swings"] < SUSTAINED
     return {"trial": number, "handle": drawn.handle, "wall": drawn.kind} | found
 
 
-def strangers(trial: TrialConfig, truth: Rows) -> dict[str, Any]:
-    """Return the longest row of swings that the other judge finds."""
-    plain = dump(trial, trial.rig.units)
-    found = strangers_rows(plain, truth[:, _POSITION], truth[:, _MOTOR])
+def strangers(trial: TrialConfig, truth: Rows, rendered: Rendered) -> dict[str, Any]:
+    """Return the longest row of swings that the other judge finds beyond the hand's own share."""
+    plain, motion = dump(trial, trial.rig.units), (truth[:, _POSITION], truth[:, _MOTOR])
+    found = [
+        row
+        for row in whole(strangers_rows(plain, *motion))
+        if not is_own(row, trial, rendered, *motion)
+    ]
     worst = max(found, key=lambda row: row.swings, default=None)
     if worst is None:
         return {"strangers_swings": 0}
@@ -128,10 +135,10 @@ def judge(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str,
 
 def ideals(trial: TrialConfig, outcome: dict[str, Any]) -> Iterator[tuple[Rows, Rows]]:
     """Yield the same hand's motion and force against the true wall, and a rendered one's spring."""
-    yield ideal_motion(trial)
+    yield ideal_motion(trial, IdealWall(trial.plant))
     stiffness = outcome["passivity"]["stiffness"]
     if stiffness["rendered"] < stiffness["true"]:
-        yield ideal_motion(trial, stiffness["rendered"])
+        yield ideal_motion(trial, IdealWall(trial.plant, stiffness["rendered"]))
 
 
 def given_back(trial: TrialConfig, truth: Rows) -> float:

@@ -9,7 +9,7 @@ and hand are two masses with a stiff grip between them, as the campaign defines 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,13 @@ Array = NDArray[np.float64]
 GRIP_STIFFNESS, GRIP_DAMPING, STEPS = 5.0e4, 60.0, 50
 
 
+class ContinuousWall(Protocol):
+    """What a hand is put in front of."""
+
+    def force(self, x: float, v: float, t_s: float) -> float:
+        """Return the force at a position, velocity and time; times never go back."""
+
+
 class IdealWall:
     """Linear, of Hunt and Crossley, stiffening, layered or moving, as a trial's plant says.
 
@@ -30,7 +37,7 @@ class IdealWall:
 
     def __init__(self, plant: Any, stiffness: float | None = None) -> None:
         self._body = plant.environment
-        self._stiffness = stiffness
+        self.stiffness = stiffness
         hidden = {one.effect: one for one in plant.undeclared}
         self._foam = hidden.get("nonlinear_stiffening")
         self._layer = hidden.get("second_layer")
@@ -46,17 +53,23 @@ class IdealWall:
     def _angular(self) -> float:
         return 2 * math.pi * self._motion.swing_hz if self._motion else 0.0
 
+    def moved(self, t_s: float) -> float:
+        """Return how far the surface has moved by itself."""
+        move = self._motion
+        if move is None:
+            return 0.0
+        return float(move.velocity * t_s + move.swing * math.sin(self._angular * t_s))
+
     def force(self, x: float, v: float, t_s: float) -> float:
         """Return the force at a position, velocity and time."""
         body, move = self._body, self._motion
-        x -= body.surface
+        x -= body.surface + self.moved(t_s)
         if move is not None:
-            x -= move.velocity * t_s + move.swing * math.sin(self._angular * t_s)
             v -= move.velocity + move.swing * self._angular * math.cos(self._angular * t_s)
         if x <= 0.0:
             return 0.0
-        if self._stiffness is not None:
-            return self._stiffness * x
+        if self.stiffness is not None:
+            return self.stiffness * x
         power = body.hunt_crossley
         share = 1.0 if power is None else (x / power.depth) ** (power.exponent - 1)
         damping = body.damping * (1.0 if power is None else share * x / power.depth)
@@ -69,16 +82,12 @@ class IdealWall:
         return max(0.0, float(force))
 
 
-def ideal_motion(trial: TrialConfig, stiffness: float | None = None) -> tuple[Array, Array]:
-    """Return position and wall force (n,) of every period of a trial, as `IdealWall` has them."""
+def ideal_motion(trial: TrialConfig, wall: ContinuousWall) -> tuple[Array, Array]:
+    """Return position and wall force (n,) of every period of a trial, in front of a wall."""
     operator = trial.operator
     assert isinstance(operator, DeviceOperator)
     assert operator.hand is not None
-    hand, body, wall = (
-        operator.hand,
-        operator.plant or operator.body,
-        IdealWall(trial.plant, stiffness),
-    )
+    hand, body = operator.hand, operator.plant or operator.body
     period_s = 1.0 / trial.master.rate_hz
     wishes = Hand(hand, period_s, np.random.default_rng(trial.seed))
     x = y = hand.intention.start

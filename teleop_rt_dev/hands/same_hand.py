@@ -1,0 +1,126 @@
+"""The same hand on the wall that was rendered at some swings, continuous and left as it is.
+
+The other ideal walls stand where the body is, and a hand meets them in its own time: the phase of
+its taps to the ringing of the wall, and of its tremor to both, is another one. Here the hand takes
+the whole way that it took, past every wall, offset and brake that was rendered, to a period before
+the swings. From there on it has one wall, which never changes: that of this moment, or that of the
+end of the swings, where they begin with a first touch. No model, no offset, no news, no sampling
+and no latency has a part in it; the wall stays, or moves on as the body does by itself. What the
+hand does there is its own share and is subtracted: swings count only as far as they remain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from teleop_rt.config import TrialConfig
+from teleop_rt.master.engagement import LinkState
+from teleop_rt.master.leash import Leash
+from teleop_rt.master.master import Master
+from teleop_rt.master.walls import NO_WALL, Wall
+from teleop_rt_dev.hands.ideal import STEPS, Array, IdealWall, ideal_motion
+from teleop_rt_dev.hands.stranger import Shaken, shaken
+
+AROUND_S = 0.5
+"""Swings that remain count as those that were seen where they end within so long of them."""
+
+
+@dataclass(frozen=True)
+class Tick:
+    """What was rendered in a tick; the leash counts from `leads_from`."""
+
+    old: Wall
+    new: Wall
+    weight: float
+    offset: float
+    leads_from: float
+
+
+class Rendered:
+    """What was rendered, tick by tick: walls without the damping that makes up for a latency."""
+
+    def __init__(self) -> None:
+        self.ticks: list[Tick] = []
+        self.grip = 0.0, 0.0
+        self._waits_at = 0.0
+
+    def note(self, master: Master) -> None:
+        """Note a tick."""
+        adoption, slave = master.adoption, master.slave
+        offset = master.registration.offset
+        if slave is None or master.engagement.state == LinkState.WAITING:
+            leads_from = self._waits_at = min(self._waits_at, master.hand)
+        else:
+            leads_from = slave.position + offset
+            self._waits_at = master.hand
+        if adoption.newest is not NO_WALL:
+            leads_from = float("inf")
+        old, new = (replace(wall, calming=0.0) for wall in (adoption.old, adoption.new))
+        self.ticks.append(Tick(old, new, adoption.weight, offset, leads_from))
+        self.grip = master.limiter.grip
+
+
+class StaysAsItWas:
+    """The walls of a trial in continuous time; from `until_s` on it is that of `stays_s` alone.
+
+    Then, if they are to, they move `with_body`, as the plant's surface moves by itself.
+    """
+
+    def __init__(
+        self,
+        trial: TrialConfig,
+        rendered: Rendered,
+        until_s: float,
+        stays_s: float,
+        *,
+        with_body: bool,
+    ) -> None:
+        master = trial.master
+        self._ticks, self._period_s = rendered.ticks, 1.0 / master.rate_hz
+        self._until_s, self._stays_s = until_s, stays_s
+        self._body = IdealWall(trial.plant) if with_body else None
+        self._most = master.force_max
+        self._leash = Leash(
+            1e-3 * master.leash_mm, master.leash_force, rendered.grip, self._period_s / STEPS
+        )
+
+    def force(self, x: float, v: float, t_s: float) -> float:
+        """Return the force of the walls and of the leash."""
+        stays = t_s > self._until_s
+        at = min(int((self._stays_s if stays else t_s) / self._period_s), len(self._ticks) - 1)
+        tick, place = self._ticks[at], x - self._ticks[at].offset
+        if self._body is not None and stays:
+            place -= self._body.moved(t_s) - self._body.moved(self._stays_s)
+        force = tick.weight * self._of(tick.new, place, v)
+        if tick.weight < 1.0:
+            force += (1 - tick.weight) * self._of(tick.old, place, v)
+        return force + self._leash.update(x, x - tick.leads_from, v)
+
+    def _of(self, wall: Wall, place: float, v: float) -> float:
+        return max(-self._most, min(self._most, wall.force(place, v)))
+
+
+def whole(rows: list[Shaken]) -> list[Shaken]:
+    """Return rows without those that only are the beginning of the next."""
+    begins = {i for i, (row, after) in enumerate(pairwise(rows)) if after.swings > row.swings}
+    return [row for i, row in enumerate(rows) if i not in begins]
+
+
+def is_own(
+    row: Shaken, trial: TrialConfig, rendered: Rendered, position: Array, motor: Array
+) -> bool:
+    """Return whether little remains of a row of swings without what the same hand does by itself.
+
+    position and motor (n,) are the true ones of the device, at each period.
+    """
+    begins_s = max(0.0, row.at_s - 0.5 * (row.swings + 1) / row.hz)
+    moves = IdealWall(trial.plant).fastest > 0.0
+    for stays_s in (begins_s, row.at_s):
+        for with_body in (False, True)[: 1 + moves]:
+            wall = StaysAsItWas(trial, rendered, begins_s, stays_s, with_body=with_body)
+            own, _ = ideal_motion(trial, wall)
+            left = shaken(position[: own.size] - own, motor[: own.size], 1.0 / trial.master.rate_hz)
+            if not any(abs(one.at_s - row.at_s) < AROUND_S for one in left):
+                return True
+    return False
