@@ -23,7 +23,7 @@ GRIP_STIFFNESS, GRIP_DAMPING, STEPS = 5.0e4, 60.0, 50
 
 
 class ContinuousWall(Protocol):
-    """What a hand is put in front of."""
+    """A wall in front of a hand, without sampling or latency."""
 
     def force(self, x: float, v: float, t_s: float) -> float:
         """Return the force at a position, velocity and time; times never go back."""

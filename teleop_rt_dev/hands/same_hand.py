@@ -28,7 +28,7 @@ AROUND_S = 0.5
 
 @dataclass(frozen=True)
 class Tick:
-    """What was rendered in a tick; the leash counts from `leads_from`."""
+    """The walls of a tick; the leash counts from `leads_from`."""
 
     old: Wall
     new: Wall
@@ -38,7 +38,7 @@ class Tick:
 
 
 class Rendered:
-    """What was rendered, tick by tick: walls without the damping that makes up for a latency."""
+    """The walls of a run, tick by tick, without the damping that makes up for a latency."""
 
     def __init__(self) -> None:
         self.ticks: list[Tick] = []
