@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 BASE = base_of("kelvin-voigt")
 ANSWER: dict[str, Any] = {
     "verdict": "no_missing_effect",
+    "base": {"parameters": {}},
     "error": {
         "on": "held-out blocks",
         "std_normalised": {"before": 0.1, "after": 0.1},
