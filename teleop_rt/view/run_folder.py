@@ -28,7 +28,7 @@ MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
 few thousand dots wide."""
 ROWS_OF_LONGER = {"/slave": 150_000, "/master": 150_000, "/estimates/": 30_000}
 """Of a longer run one in 2, 4, 8, ... is read, down to these: six times of what a curve shows on
-the screen. To read 600 000 of an hour took half of its report's time."""
+the screen. To read 600 000 took half of the time of a report."""
 _SIGNALS = {
     "/slave": (
         "stamp_ns",
