@@ -78,7 +78,8 @@ def test_the_default_trial_finds_the_cube_by_a_load_cell_of_80_samples_a_second(
     assert k == pytest.approx(3600, rel=0.03)
     # A lag that is off by 1 ms is 3.6 N s/m.
     assert b == pytest.approx(20, abs=3)
-    assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.5e-3)
+    # Half a millimetre is promised; stamps of position and force exchanged make 0.3 mm.
+    assert summary["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.1e-3)
     assert summary["safety"]["fault"]["name"] == "none"
     assert summary["safety"]["holds"] == 0
 
