@@ -257,10 +257,11 @@ def test_diagnose_reports_a_class_with_deviations_and_the_motion_that_would_deci
     force = late + np.random.default_rng(4).normal(0, 0.01, t.size)
     recording = write_csv(tmp_path / "a.csv", t, x, force, header="t,x_m,F")
     code, out, _ = call("diagnose", recording, "--surface", "0")
-    first, base, effect, *rest = out.splitlines()
+    first, base, effect, words, *rest = out.splitlines()
     assert (code, first) == (0, f"{recording}: class")
     assert re.match(r"  kelvin-voigt \(base\): k = .*\d ± \d.*b = .*\d ± \d", base)
     assert re.match(r"  \w+ \(\w+\): .*\d ± \d", effect)
+    assert re.match(r"    The .* -?\d.*\.$", words), "the law, in a sentence with its figures"
     assert [line.split(":")[0].split(" on ")[0] for line in rest] == [
         "  one of",
         "  NRMSE",
@@ -438,10 +439,20 @@ def test_replay_prints_the_best_few_sorted_and_all_when_asked(call, tmp_path):
     assert rows[-1].startswith("  mass-spring-damper, direct, rls: warming up")
 
 
-def test_a_size_that_would_have_been_seen_has_its_unit_and_the_values_of_its_shape():
-    drag = {"name": "drag", "parameter": "c", "size": 2.0, "unit": "N/m^power"}
-    assert (
-        size_seen(drag | {"shape": {"power": 1.5}}) == "drag: c above 2 N/m^power, with power 1.5"
-    )
-    share = {"name": "set", "parameter": "share", "size": 0.01, "unit": "1", "shape": {}}
-    assert size_seen(share) == "set: share above 0.01 (ratio, without a unit)"
+def test_a_size_that_would_have_been_detected_has_its_unit_with_the_values_in_it():
+    drag = {"name": "air_drag", "size": 2.0, "unit": "N/m^power", "shape": {"power": 1.5}}
+    assert size_seen(drag) == "air drag 2 N/m^1.5"
+    assert size_seen(drag | {"unit": "N"}) == "air drag 2 N"
+    share = {"name": "set", "size": 0.01, "unit": "1", "shape": {}}
+    assert size_seen(share) == "set 0.01 (ratio)"
+
+
+def test_sizes_that_would_have_been_detected_are_one_line_and_the_last(call, tmp_path):
+    recording = write_csv(tmp_path / "clean.csv", *press(noise=0.2))
+    code, out, _ = call("diagnose", recording, "--surface", "0.010")
+    lines = out.splitlines()
+    assert code == 0
+    assert "no missing effect" in lines[0]
+    assert [n for n, line in enumerate(lines) if "would have been detected" in line] == [
+        len(lines) - 1
+    ]

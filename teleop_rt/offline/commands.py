@@ -20,7 +20,7 @@ from teleop_rt.offline.table import Table
 from teleop_rt.offline.work import Diagnosing, Replaying
 from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.table import estimator_lines
-from teleop_rt.view.style import parameter
+from teleop_rt.view.style import in_words, parameter
 
 _SHOWN_ROWS = 5
 """Estimators that a replay prints: what fits a screen with their parameters."""
@@ -89,6 +89,7 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
         )
         text = f"  {effect['name']} ({effect['belongs_to']}): {values}"
         console.print(text, highlight=False, soft_wrap=True)
+        console.print(f"    {in_words(effect)}", highlight=False, soft_wrap=True)
     if len(answer["class"]) > 1:
         sets = "; or ".join(" + ".join(names) for names in answer["class"])
         console.print(f"  one of: {sets}", highlight=False, soft_wrap=True)
@@ -118,11 +119,6 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     print_effects(console, answer)
     _print_errors(say, answer)
     print_draft(console, answer["draft"])
-    seen = [one for one in answer["detectable"] if one["size"] is not None]
-    if answer["verdict"] == "no_missing_effect" and seen:
-        say("  would have been seen:")
-        for one in seen:
-            say(f"    {size_seen(one)}")
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         say(f"  to decide: {experiment['why']}{where}")
@@ -136,6 +132,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
             f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
             f" by least squares {_share(entry['least_squares'])}"
         )
+    seen = [size_seen(one) for one in answer["detectable"] if one["size"] is not None]
+    if answer["verdict"] == "no_missing_effect" and seen:
+        say(f"  sizes that would have been detected (shapes: --json): above {'; '.join(seen)}")
 
 
 def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
@@ -158,11 +157,11 @@ def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
 
 
 def size_seen(effect: Mapping[str, Any]) -> str:
-    """Return an effect's size that would have been seen, with its unit and shape parameters."""
-    unit = "(ratio, without a unit)" if effect["unit"] == "1" else effect["unit"]
-    shape = ", ".join(f"{name} {_share(value)}" for name, value in effect["shape"].items())
-    size = f"{effect['name']}: {effect['parameter']} above {_share(effect['size'])} {unit}"
-    return f"{size}, with {shape}" if shape else size
+    """Return the size of an effect that would have been detected; its unit may name a shape."""
+    unit = "(ratio)" if effect["unit"] == "1" else effect["unit"]
+    for name, value in effect["shape"].items():
+        unit = unit.replace(name, f"{value:.3g}")
+    return f"{effect['name'].replace('_', ' ')} {_share(effect['size'])} {unit}"
 
 
 def _share(value: float | None) -> str:

@@ -82,15 +82,10 @@ def sentences(answer: dict[str, Any]) -> list[str]:
 
 def _effect(entry: dict[str, Any], verdict: str) -> str:
     """Return the sentence of an effect with its figures, and the controller's treatment of it."""
-    shown = {key: style.in_shown_unit(p) for key, p in entry["parameters"].items()}
-    figures = {
-        key: "–" if p["value"] is None else f"{p['value']:.4g} {p['unit']}".removesuffix(" 1")
-        for key, p in shown.items()
-    }
     undecided = f"If it is {_names([entry['name']])}: " if verdict == "class" else ""
     treatment = str(entry["compensation"]).replace("_", " ")
-    sentence = str(entry["sentence"]).format(**figures)
-    return f"{undecided}{sentence} It belongs to the {entry['belongs_to']}; on-line: {treatment}."
+    belongs = f"It belongs to the {entry['belongs_to']}; on-line: {treatment}."
+    return f"{undecided}{style.in_words(entry)} {belongs}"
 
 
 def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:

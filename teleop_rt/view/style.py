@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from importlib.resources import files
 from types import MappingProxyType
@@ -190,3 +191,13 @@ def parameter(name: str, content: Any) -> str:
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
     note = " (not identified)" if content.get("identified") is False else ""
     return f"{name} = {content['value']:.5g}{spread}{unit}{note}"
+
+
+def in_words(effect: Mapping[str, Any]) -> str:
+    """Return the sentence of an effect that was found, with its figures."""
+    shown = {key: in_shown_unit(p) for key, p in effect["parameters"].items()}
+    figures = {
+        key: "–" if p["value"] is None else f"{p['value']:.4g} {p['unit']}".removesuffix(" 1")
+        for key, p in shown.items()
+    }
+    return str(effect["sentence"]).format(**figures)
