@@ -5,6 +5,7 @@ What may be resumed (`batch.sweep.open_folder`) says by a note in its folder wha
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -33,3 +34,17 @@ def refuse_file(folder: Path, what_next: str = "name another folder with --out")
     place = next((one for one in (folder, *folder.absolute().parents) if one.exists()), folder)
     if place.exists() and not place.is_dir():
         raise OutputError(f"{place}: is a file: {what_next}")
+
+
+def refuse_unwritable(folder: Path, what_next: str = "name another folder with --out") -> None:
+    """Raise OutputError where a folder cannot be made, or nothing can be written into it.
+
+    Nothing is left: the next folder above that exists is tried.
+    """
+    place = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        why = f"cannot be made or written: {error.strerror}"
+        raise OutputError(f"{folder}: {why}: {what_next}") from None

@@ -118,7 +118,8 @@ def test_a_bad_file_is_reported_and_the_others_are_still_done(call, tmp_path):
     ("option", "value", "message"),
     [
         ("--models", "maxwell", "unknown model 'maxwell'; one of: mass"),
-        ("--surface", "there", "write auto, or a position"),
+        ("--surface", "there", "write auto, or a position such as 0.01 or 10mm"),
+        ("--surface", "10parsec", "unknown unit 'parsec' of surface; one of m, cm, mm"),
         ("--columns", "xs_rad", "write ROLE=NAME"),
     ],
 )
@@ -127,6 +128,47 @@ def test_wrong_options_say_what_is_allowed(call, tmp_path, option, value, messag
     code, _, err = call("replay", good, option, value)
     assert code == 2
     assert message in err
+
+
+def test_a_surface_may_have_a_unit(call, tmp_path):
+    good = write_csv(tmp_path / "good.csv", *press())
+    for command in ("replay", "diagnose"):
+        code, _, err = call(command, good, "--surface", "10")
+        assert code == 2
+        assert "--surface takes m, or a unit as in 10mm" in err
+    answers = [
+        json.loads(call("replay", good, "--surface", text, "--json", "--models", "kelvin-voigt")[1])
+        for text in ("10mm", "1e-2", "0.01 m")
+    ]
+    assert answers[0]["estimators"] == answers[1]["estimators"] == answers[2]["estimators"]
+
+
+def test_all_missing_columns_are_named_at_once_with_those_that_may_be_meant(call, tmp_path):
+    own = write_csv(tmp_path / "own.csv", *press(), header="clock_s,indent_mm,loadcell_X")
+    code, _, err = call("diagnose", own)
+    assert code == 2
+    assert "no column for time and position and force" in err
+    assert "--columns time=clock_s position=indent_mm force=loadcell_X" in err
+
+
+def test_a_binary_file_is_called_no_text(call, tmp_path):
+    (tmp_path / "raw.csv").write_bytes(bytes(range(256)))
+    code, _, err = call("diagnose", "raw.csv")
+    assert code == 2
+    assert "cannot be read as .csv: byte 0x81 at 129 belongs to no text" in err
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(call, tmp_path, monkeypatch):
+    def refuse(**_):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    recording = write_csv(tmp_path / "clean.csv", *press())
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    monkeypatch.setattr("teleop_rt.offline.work.Diagnosing.answer", None)
+    code, out, err = call("diagnose", recording, "--out", "made/here")
+    assert (code, out) == (2, "")
+    assert "here: cannot be made or written: Read-only file system: name another folder" in err
+    assert not (tmp_path / "made").exists()
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,12 +15,15 @@ from teleop_rt.ids import MODEL_IDS, REGRESSIONS, SOLVERS, TERM_IDS
 if TYPE_CHECKING:
     from teleop_rt.offline.table import Table
 
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 BASE_HELP = f"a model: {', '.join(MODEL_IDS)}; or terms by commas: {', '.join(TERM_IDS)}"
 
 Recordings = Annotated[
     list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders; folders and globs of these")
 ]
-Surface = Annotated[str, typer.Option(help="auto, or the surface's position [m or rad]")]
+Surface = Annotated[
+    str, typer.Option(help="auto, or the surface's position, as 10mm; without a unit [m or rad]")
+]
 Columns = Annotated[
     list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
 ]
@@ -216,9 +220,16 @@ def _names(text: str | None) -> list[str] | None:
 
 
 def _surface(text: str) -> float | None:
+    """Return the position that the text gives, with a unit or in the rig's own; None for auto."""
     if text == "auto":
         return None
+    number = _NUMBER.match(text)
+    if number is None:
+        raise RecordingError(f"--surface {text}: write auto, or a position such as 0.01 or 10mm")
+    unit = text[number.end() :].strip()
+    from teleop_rt.diagnosis.recordings.units import factor_of  # noqa: PLC0415 - loads numpy
+
     try:
-        return float(text)
-    except ValueError:
-        raise RecordingError(f"--surface {text}: write auto, or a position") from None
+        return float(number[0]) * (factor_of("surface", unit) if unit else 1.0)
+    except ValueError as error:
+        raise RecordingError(f"--surface {text}: {error}") from None

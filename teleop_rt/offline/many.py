@@ -21,7 +21,7 @@ from teleop_rt.batch.workers import Case, Result, Workers
 from teleop_rt.diagnosis.phases import heard_by
 from teleop_rt.errors import BAD_INPUT, ExpectedError
 from teleop_rt.offline.find import digest_of, find, names_one, own_names
-from teleop_rt.outputs import refuse_filled
+from teleop_rt.outputs import refuse_filled, refuse_unwritable
 from teleop_rt.view.console import output
 
 FAULT = 1
@@ -147,6 +147,7 @@ def _opened(work: Work, out: Path | None, *, one: bool) -> Path | None:
         return None
     if one and work.fills_folder:
         refuse_filled(out)
+        refuse_unwritable(out)
         return None
     return open_folder(out, work.command, work.options())
 

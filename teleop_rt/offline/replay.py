@@ -136,7 +136,7 @@ def _refuse_beyond(recording: Recording, surface: float | None) -> None:
         raise RecordingError(
             f"{recording.name}: no contact: positions lie between {lowest:.4g} and {deepest:.4g}"
             f" {unit}, none beyond the surface at {surface:.4g} {unit}; --surface takes {unit},"
-            " whatever the unit of the column"
+            " or a unit as in 10mm"
         )
 
 

@@ -161,7 +161,7 @@ def test_two_columns_of_one_name_are_reported_by_number(tmp_path: Path, rows: np
 @pytest.mark.parametrize(
     ("names", "flags"),
     [
-        ("millis,servo_mm,hx711_g", "--columns position=servo_mm force=hx711_g"),
+        ("millis,servo_mm,hx711_g", "--columns time=NAME position=servo_mm force=hx711_g"),
         ("t_s,pos_mm,current_A", "force=current_A --units force=NEWTON_PER_UNIT"),
         ("t_s,/tool/position.z,/wrench.force.z", "position=/tool/position.z force=/wrench.force.z"),
     ],

@@ -101,6 +101,8 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
             found[role] = _column(path, table, role, name, layout.units.get(role))
     if lacking := [role for role in ("position", "force") if role not in found]:
         _refuse_foreign_unit(path, table, lacking)
+        if "time" not in found and layout.rate_hz is None:
+            lacking.insert(0, "time")
         raise RecordingError(
             f"{path}: no column for {' and '.join(lacking)}; there are: {', '.join(table)}; name it"
             f" with {_flags(table, lacking)} or in {path.stem}.columns.yaml"

@@ -93,8 +93,18 @@ def _encoding(path: Path) -> str:
             try:
                 decoder.decode(piece)
             except UnicodeDecodeError:
+                _refuse_binary(piece, place * _PIECE)
                 return _WINDOWS
     return "utf-8"
+
+
+def _refuse_binary(piece: bytes, at: int) -> None:
+    """Raise ValueError where a piece of a file, which begins at a byte, is no text at all."""
+    try:
+        piece.decode(_WINDOWS)
+    except UnicodeDecodeError as error:
+        where = at + error.start
+        raise ValueError(f"byte 0x{piece[error.start]:02x} at {where} belongs to no text") from None
 
 
 def _located(path: Path, encoding: str) -> _Text:

@@ -158,8 +158,10 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
     inside = penetration[touches(penetration)]
     if inside.size < MIN_CONTACT_SAMPLES:
         raise RecordingError(
-            f"{recording.name}: no contact: {inside.size} samples lie beyond the surface; check"
-            " the sign of the position (> 0 into the environment) and --surface"
+            f"{recording.name}: no contact: {inside.size} samples lie beyond the surface, and the"
+            f" farthest at {float(penetration.max()):.4g} {recording.units[0]} from it; check the"
+            " sign of the position (> 0 into the environment); --surface takes"
+            f" {recording.units[0]}, or a unit as in 10mm"
         )
     if float(np.ptp(inside)) < 20.0 * noise:
         raise RecordingError(
