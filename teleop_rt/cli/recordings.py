@@ -22,7 +22,7 @@ Recordings = Annotated[
     list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders; folders and globs of these")
 ]
 Surface = Annotated[
-    str, typer.Option(help="auto, or the surface's position, as 10mm; without a unit [m or rad]")
+    str, typer.Option(help="auto, or the surface's position, as 10mm; without a unit in m or rad")
 ]
 Columns = Annotated[
     list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
