@@ -46,5 +46,11 @@ def refuse_unwritable(folder: Path, what_next: str = "name another folder with -
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
-        why = f"cannot be made or written: {error.strerror}"
-        raise OutputError(f"{folder}: {why}: {what_next}") from None
+        raise unwritable(folder, error, what_next) from None
+
+
+def unwritable(
+    folder: Path, error: OSError, what_next: str = "name another folder with --out"
+) -> OutputError:
+    """Return the refusal of a folder that cannot be made, or into which nothing can be written."""
+    return OutputError(f"{folder}: cannot be made or written: {error.strerror}: {what_next}")

@@ -151,11 +151,19 @@ def test_all_missing_columns_are_named_at_once_with_those_that_may_be_meant(call
     assert "--columns time=clock_s position=indent_mm force=loadcell_X" in err
 
 
-def test_a_binary_file_is_called_no_text(call, tmp_path):
-    (tmp_path / "raw.csv").write_bytes(bytes(range(256)))
+@pytest.mark.parametrize(
+    ("content", "where"),
+    [
+        (bytes(range(256)), "0x81 at 129"),
+        (b"\xfc" + b"1,2\n" * 300_000 + b"\x90", "0x90 at 1200001"),
+    ],
+    ids=["at once", "after a megabyte of a Windows encoding"],
+)
+def test_a_binary_file_is_called_no_text(call, tmp_path, content, where):
+    (tmp_path / "raw.csv").write_bytes(content)
     code, _, err = call("diagnose", "raw.csv")
     assert code == 2
-    assert "cannot be read as .csv: byte 0x81 at 129 belongs to no text" in err
+    assert f"cannot be read as .csv: byte {where} belongs to no text" in err
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(call, tmp_path, monkeypatch):

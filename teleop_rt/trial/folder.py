@@ -18,7 +18,7 @@ import yaml
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
 from teleop_rt.errors import RecordingError
-from teleop_rt.outputs import OutputError, refuse_filled
+from teleop_rt.outputs import refuse_filled, unwritable
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
 
@@ -100,8 +100,7 @@ def make_folder(out: Path | None, trial_name: str) -> Path:
         with tempfile.TemporaryFile(dir=attempt):  # it may have been there on a read-only disk
             pass
     except OSError as error:
-        why = f"cannot be made or written: {error.strerror}"
-        raise OutputError(f"{attempt}: {why}: name another folder with --out") from None
+        raise unwritable(attempt, error) from None
     return attempt
 
 

@@ -82,20 +82,22 @@ def read_text(path: Path) -> dict[str, Vector]:
 
 def _encoding(path: Path) -> str:
     """Return the encoding that a file's mark or its bytes show."""
-    decoder = codecs.getincrementaldecoder("utf-8")()
+    decoder, encoding = codecs.getincrementaldecoder("utf-8")(), "utf-8"
     with path.open("rb") as stream:
         pieces = iter(lambda: stream.read(_PIECE), b"")
         for place, piece in enumerate(pieces):
             if place == 0:
-                for mark, encoding in _MARKS.items():
+                for mark, marked in _MARKS.items():
                     if piece.startswith(mark):
-                        return encoding
-            try:
-                decoder.decode(piece)
-            except UnicodeDecodeError:
+                        return marked
+            if encoding == "utf-8":
+                try:
+                    decoder.decode(piece)
+                except UnicodeDecodeError:
+                    encoding = _WINDOWS
+            if encoding == _WINDOWS:
                 _refuse_binary(piece, place * _PIECE)
-                return _WINDOWS
-    return "utf-8"
+    return encoding
 
 
 def _refuse_binary(piece: bytes, at: int) -> None:
