@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from contextvars import Context
+from multiprocessing.process import BaseProcess
+from types import FrameType
 from typing import TypeVar
 
 from teleop_rt.errors import ExpectedError
@@ -40,7 +44,7 @@ def as_finished(
 
     One process is this one. The call, the items and the results must pickle.
 
-    Raises WorkerLostError where a process ends before its result.
+    Raises WorkerLostError where a process ends before its result, KeyboardInterrupt after one.
     """
     count = min(processes, len(items))
     if count <= 1:
@@ -48,18 +52,52 @@ def as_finished(
         return
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), initializer=_obey)
+    with _interrupts_end_all_but(others) as interrupts:
+        try:
+            indices = {pool.submit(_unheard, call, item): n for n, item in enumerate(items)}
+            if interrupts:  # perhaps before there was a worker to end
+                _end_all_but(others)
+            for future in as_completed(indices):
+                yield indices.pop(future), future.result()
+        except BaseException as error:  # a fault does not wait for what is under way
+            _end_all_but(others)
+            if isinstance(error, BrokenProcessPool) and not interrupts:
+                raise WorkerLostError(error) from None
+            if not interrupts:
+                raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+    if interrupts:
+        raise KeyboardInterrupt
+
+
+def _end_all_but(others: Set[BaseProcess]) -> None:
+    for worker in set(multiprocessing.active_children()) - others:
+        worker.terminate()
+
+
+@contextmanager
+def _interrupts_end_all_but(others: Set[BaseProcess]) -> Iterator[list[int]]:
+    """Let an interrupt end the workers, and give those that came, in the main thread.
+
+    The pool finds its workers gone and ends by itself. An exception that is raised anywhere in it
+    could leave one of its locks taken for ever. Where interrupts are ignored, they stay so.
+    """
+    came: list[int] = []
+    heard = threading.current_thread() is threading.main_thread()
+    if not heard or signal.getsignal(signal.SIGINT) in {signal.SIG_IGN, None}:
+        yield came
+        return
+
+    def end(number: int, _: FrameType | None) -> None:
+        came.append(number)
+        _end_all_but(others)
+
+    before = signal.signal(signal.SIGINT, end)
     try:
-        indices = {pool.submit(_unheard, call, item): n for n, item in enumerate(items)}
-        for future in as_completed(indices):
-            yield indices.pop(future), future.result()
-    except BaseException as error:  # an interrupt or a fault does not wait for what is under way
-        for worker in set(multiprocessing.active_children()) - others:
-            worker.terminate()
-        if isinstance(error, BrokenProcessPool):
-            raise WorkerLostError(error) from None
-        raise
+        yield came
     finally:
-        pool.shutdown(cancel_futures=True)
+        signal.signal(signal.SIGINT, before)
 
 
 def _obey() -> None:

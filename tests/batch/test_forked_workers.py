@@ -5,6 +5,7 @@ import select
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from functools import partial
 from operator import call
 
@@ -105,11 +106,32 @@ except KeyboardInterrupt:
 """
 
 
-def test_an_interrupt_ends_the_workers_at_once():
+IN_A_LOCK = """
+import signal
+from concurrent.futures import _base
+
+class Interrupted(_base._AcquireFutures):
+    def __enter__(self):
+        super().__enter__()
+        signal.raise_signal(signal.SIGINT)
+
+_base._AcquireFutures = Interrupted
+"""
+
+
+@pytest.mark.parametrize("begin", ["", IN_A_LOCK], ids=["while it waits", "while it holds a lock"])
+def test_an_interrupt_ends_the_workers_at_once(begin):
     work = subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, start_new_session=True
+        [sys.executable, "-c", begin + INTERRUPTED], stdout=subprocess.PIPE, start_new_session=True
     )
     assert work.stdout is not None
-    assert [work.stdout.readline() for _ in range(2)] == [b"waits\n"] * 2
-    os.killpg(work.pid, signal.SIGINT)  # as a terminal sends it
-    assert work.communicate(timeout=30)[0] == b"interrupted\n"
+    try:
+        if not begin:
+            assert [work.stdout.readline() for _ in range(2)] == [b"waits\n"] * 2
+            os.killpg(work.pid, signal.SIGINT)  # as a terminal sends it
+        lines = work.communicate(timeout=30)[0].splitlines()
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(work.pid, signal.SIGKILL)
+        work.communicate()
+    assert lines[-1] == b"interrupted"
