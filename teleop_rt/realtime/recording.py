@@ -8,10 +8,11 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import IO, cast
 
 import numpy as np
 from mcap.records import Channel, Metadata, Schema
-from mcap.writer import MCAP0_MAGIC
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
@@ -26,7 +27,6 @@ from teleop_rt.realtime.mcap_records import (
     blocks,
     ends_whole,
 )
-from teleop_rt.realtime.mcap_writer import ChunkedWriter
 from teleop_rt.realtime.output import PatientFile
 from teleop_rt.realtime.parts import parts
 from teleop_rt.recording_memory import most_bytes, refuse_more
@@ -39,8 +39,6 @@ ONLINE, RUN = "online-estimation", "run"
 _IDS_PER_PART = 1 << 16
 _LARGEST = 0xFFFFFFFF
 """Largest sequence in MCAP's 32 bits; a row's number is cut to them."""
-_CHUNK = 1 << 18
-"""Bytes of a chunk, unpacked: a crash loses no more than the last one."""
 _LONGEST_CHUNK = 1 << 20
 """A crash cuts a file off within its last chunk, of 256 kB unpacked; more left is damage."""
 
@@ -64,7 +62,13 @@ class RecordingWriter:
     ) -> None:
         """Create the file; `metadata` are named records of text that stand at its beginning."""
         self._stream = PatientFile(path)
-        self._writer = ChunkedWriter(self._stream, _CHUNK, library="teleop-rt")
+        self._writer = Writer(
+            cast("IO[bytes]", self._stream),
+            chunk_size=1 << 18,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,
+        )
+        self._writer.start(library="teleop-rt")
         for name, content in (metadata or {}).items():
             self._writer.add_metadata(name, content)
         self._units = units
@@ -84,13 +88,9 @@ class RecordingWriter:
         channel_id, stamp, text = self._channels[topic]
         counted = itertools.repeat(0) if numbers is None else (n & _LARGEST for n in numbers)
         known = np.isfinite(rows).tolist()
-        self._writer.add_messages(
-            channel_id,
-            (
-                (int(row[stamp]), text(row, finite), number)
-                for row, finite, number in zip(rows.tolist(), known, counted, strict=False)
-            ),
-        )
+        for row, finite, number in zip(rows.tolist(), known, counted, strict=False):
+            stamp_ns = int(row[stamp])
+            self._writer.add_message(channel_id, stamp_ns, text(row, finite), stamp_ns, number)
 
     @property
     def problem(self) -> str:
