@@ -95,6 +95,8 @@ import os, signal, sys
 from operator import call
 from teleop_rt.batch.forked import as_finished
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
+
 def wait():
     os.write(1, b"waits\\n")
     signal.pause()
