@@ -70,25 +70,13 @@ def canopen_load(
 ) -> Load:
     """Return the load of SYNC, process data and heartbeats. Raises AxisError for a bad mapping."""
     per_cycle = float(frame_bits(config.daemon.sync_bytes))
-    pdos = [
-        (name, pdo, receive)
-        for name, node, receives in (
-            ("encoder", config.encoder, False),
-            ("force sensor", config.force_sensor, False),
-            ("drive", config.drive, True),
-        )
-        if node is not None
-        for pdo, receive in (
-            (node.tpdo, False),
-            (getattr(node, "rpdo", None), receives),
-            (getattr(getattr(node, "switch", None), "tpdo", None), False),
-        )
-        if pdo is not None
-    ]
-    for name, pdo, receive in pdos:
-        size = PdoCodec(pdo, dictionaries[name], name, receive=receive).struct.size
+    for name, tpdo in config.tpdos:
+        size = PdoCodec(tpdo, dictionaries[name], name, receive=False).struct.size
+        per_cycle += frame_bits(size) / tpdo.transmission_type
+    if (drive := config.drive) is not None:
         # The drive's command is sent every cycle, whatever its transmission type.
-        per_cycle += frame_bits(size) / (1 if receive else pdo.transmission_type)
+        size = PdoCodec(drive.rpdo, dictionaries["drive"], "drive", receive=True).struct.size
+        per_cycle += frame_bits(size)
     per_second = frame_bits(1) * 1000 / config.daemon.heartbeat_ms
     for node in config.nodes.values():
         if node.guarding is None:

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from teleop_rt.axis import Axis
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus import BusConfig
-    from teleop_rt_drivers.canopen.drive_config import DriveConfig
-    from teleop_rt_drivers.canopen.node_config import EncoderConfig, ForceConfig
 
 WARM_UP = 10
 VALID_SHARE = 0.98
@@ -74,13 +72,12 @@ def survey_buses(
 def frame_names(part: AxisConfig) -> dict[int, str]:
     """Return what each frame that a part of an axis reads is called."""
     if isinstance(part, CanopenPart):
-        pdos = {name: node.tpdo for name, node in _measuring(part).items()}
         nodes = part.nodes
         return {
             PdoCodec(pdo, load(nodes[name].eds, nodes[name].node_id), name, receive=False).cob_id: (
                 f"TPDO{pdo.number} of the {name}"
             )
-            for name, pdo in pdos.items()
+            for name, pdo in part.tpdos
         }
     if isinstance(part, RawCanPart):
         messages = load_dbc(part.dbc)
@@ -88,11 +85,6 @@ def frame_names(part: AxisConfig) -> dict[int, str]:
         read += [part.drive.answer] if part.drive else []
         return {messages[name].frame_id: name for name in read}
     return {}
-
-
-def _measuring(part: CanopenPart) -> dict[str, EncoderConfig | ForceConfig | DriveConfig]:
-    named = {"encoder": part.encoder, "force sensor": part.force_sensor, "drive": part.drive}
-    return {name: node for name, node in named.items() if node is not None}
 
 
 def examine_axis(

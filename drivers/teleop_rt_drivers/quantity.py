@@ -19,6 +19,9 @@ drive stands: so it cannot jump.
 FromDrive = Literal["from drive"]
 """Choice of a rig without a sensor, which takes a measured value from its drive."""
 FROM_DRIVE: Final = "from drive"
+FromInput = Literal["from drive input"]
+"""Choice of a rig whose force sensor is wired to an analog input of its drive."""
+FROM_INPUT: Final = "from drive input"
 
 SPEED_MARGIN = 2.0
 """A position that moves faster than this times the rig's velocity limit is no position."""

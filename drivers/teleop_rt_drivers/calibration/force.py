@@ -12,6 +12,7 @@ from teleop_rt.slave.faults import of_axis
 from teleop_rt_drivers.calibration.weights import CalibrationError, Reading
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.framed.config import FramedPart
+from teleop_rt_drivers.quantity import FROM_INPUT
 from teleop_rt_drivers.registry import parts_of
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.calibration.rig_file import KeyPath
     from teleop_rt_drivers.calibration.weights import ForceFit
-    from teleop_rt_drivers.canopen.node_config import ForceConfig
+    from teleop_rt_drivers.canopen.node_config import ForceReading
     from teleop_rt_drivers.framed.signal_config import ForceSignal
 
     Wait = Callable[[], None]
@@ -52,9 +53,11 @@ def force_keys(rig: RigConfig, fit: ForceFit) -> dict[KeyPath, float]:
     unit = rig.units.force
     for name, part in parts_of(rig.axis).items():
         section = ("axis", "parts", name, "force") if name else ("axis", "force")
-        force: ForceConfig | ForceSignal | None = None
+        force: ForceReading | ForceSignal | None = None
         if isinstance(part, CanopenPart):
-            per, force = "count", part.force_sensor
+            per, force = "count", part.force_reading
+            if part.force == FROM_INPUT:
+                section = (*section[:-1], "drive", "force_input")
         elif isinstance(part, FramedPart):
             per, force = "unit", part.force
         if force is None:

@@ -20,6 +20,7 @@ from teleop_rt_drivers.canopen.counters import Counters
 from teleop_rt_drivers.canopen.receiver import Receiver
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus
 from teleop_rt_drivers.canopen.watch import OPERATIONAL, purge, send_fault
+from teleop_rt_drivers.quantity import FROM_INPUT
 from teleop_rt_drivers.transport import canopen_transport, timing_of
 
 if TYPE_CHECKING:
@@ -211,6 +212,8 @@ class CanopenAxis:
         if drive is not None:
             pdos["drive"] = [drive.rpdo, drive.tpdo]
             pdos["drive"] += [] if self._switch is None else [self._switch]
+            if force is not None and self._config.force == FROM_INPUT:
+                pdos["drive"].append(force.codec)
         return pdos
 
     def _ask(self) -> None:

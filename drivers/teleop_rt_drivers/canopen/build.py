@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.counters import Counters
-    from teleop_rt_drivers.canopen.drive_config import DriveConfig, TorqueConfig
-    from teleop_rt_drivers.canopen.node_config import EncoderConfig, ForceConfig
+    from teleop_rt_drivers.canopen.drive_config import DriveConfig, ForceInputConfig, TorqueConfig
+    from teleop_rt_drivers.canopen.node_config import EncoderConfig, ForceConfig, ForceReading
+    from teleop_rt_drivers.quantity import Plausible
 
     Parts = tuple[Channel | None, Channel | None, Drive | None]
 
@@ -67,13 +69,29 @@ def force_per_count(config: DriveConfig) -> float:
 def force_channel(config: ForceConfig, rig: RigConfig, dictionary: ObjectDictionary) -> Channel:
     """Return the channel of the force: it may jump, but not out of range."""
     codec = PdoCodec(config.tpdo, dictionary, "force sensor", receive=False)
-    return Channel(
-        codec,
-        codec.slot(config.force),
-        None if config.status is None else codec.slot(config.status),
-        Scale(config.scale, config.sign, config.offset),
-        plausible_force(rig),
+    return _force(config, codec, plausible_force(rig))
+
+
+def input_channel(
+    config: ForceInputConfig, rig: RigConfig, dictionary: ObjectDictionary
+) -> Channel:
+    """Return the channel of a force sensor at the drive: a reading out of its range is none."""
+    codec = PdoCodec(config.tpdo, dictionary, "drive input", receive=False)
+    plausible, scale = plausible_force(rig), _scale(config)
+    lower, upper = sorted((scale.value(config.lowest), scale.value(config.highest)))
+    measured = replace(
+        plausible, lower=max(lower, plausible.lower), upper=min(upper, plausible.upper)
     )
+    return _force(config, codec, measured)
+
+
+def _force(config: ForceReading, codec: PdoCodec, plausible: Plausible) -> Channel:
+    status = None if config.status is None else codec.slot(config.status)
+    return Channel(codec, codec.slot(config.force), status, _scale(config), plausible)
+
+
+def _scale(config: ForceReading) -> Scale:
+    return Scale(config.scale, config.sign, config.offset)
 
 
 def parts(
@@ -91,6 +109,8 @@ def parts(
         made_encoder = drive_channel(drive, rig, dictionaries["drive"])
     if force is not None:
         made_force = force_channel(force, rig, dictionaries["force sensor"])
+    elif drive is not None and drive.force_input is not None:
+        made_force = input_channel(drive.force_input, rig, dictionaries["drive"])
     elif config.force is not None and drive is not None:
         made_force = torque_channel(drive, rig, dictionaries["drive"])
     if drive is not None:

@@ -15,12 +15,13 @@ from teleop_rt_drivers.canopen.entries import NodeId, SyncId
 from teleop_rt_drivers.canopen.node_config import (
     EncoderConfig,
     ForceConfig,
+    ForceReading,
     ForceSource,
     NodeConfig,
     PdoConfig,
 )
 from teleop_rt_drivers.drivetrain import FORCE_NOT_COMPARED, DrivetrainConfig
-from teleop_rt_drivers.quantity import FROM_DRIVE, FromDrive
+from teleop_rt_drivers.quantity import FROM_DRIVE, FROM_INPUT, FromDrive
 
 
 class DaemonConfig(Section):
@@ -92,7 +93,8 @@ class CanopenPart(AxisConfig):
         None,
         description=(
             "The force sensor; or `from drive`: the motor's torque (6077h) is taken for the force, "
-            "with all friction in between; null where another part gives the force."
+            "with all friction in between; or `from drive input`: the sensor is at an analog input "
+            "of the drive (drive.force_input); null where another part gives the force."
         ),
     )
     drivetrain: DrivetrainConfig | None = Field(
@@ -111,6 +113,13 @@ class CanopenPart(AxisConfig):
         return self.force if isinstance(self.force, ForceConfig) else None
 
     @property
+    def force_reading(self) -> ForceReading | None:
+        """Return where a force sensor is read, of its own or at the drive, None without one."""
+        if self.force == FROM_INPUT and self.drive is not None:
+            return self.drive.force_input
+        return self.force_sensor
+
+    @property
     def force_from_drive(self) -> bool:
         """Whether the force is the motor's torque."""
         return self.force == FROM_DRIVE
@@ -125,6 +134,17 @@ class CanopenPart(AxisConfig):
         named = {"encoder": self.encoder, "force sensor": self.force_sensor, "drive": self.drive}
         return {name: node for name, node in named.items() if node is not None}
 
+    @property
+    def tpdos(self) -> list[tuple[str, PdoConfig]]:
+        """Return every process data object that a device sends, with the device's name."""
+        sent = [
+            (name, node.tpdo)
+            for name, node in (("encoder", self.encoder), ("force sensor", self.force_sensor))
+            if node is not None
+        ]
+        own = () if self.drive is None else self.drive.tpdos.values()
+        return sent + [("drive", tpdo) for tpdo in own]
+
     @model_validator(mode="after")
     def _consistent(self) -> CanopenPart:
         if not self.nodes:
@@ -132,14 +152,16 @@ class CanopenPart(AxisConfig):
         ids = [self.daemon.node_id, *(node.node_id for node in self.nodes.values())]
         if len(set(ids)) != len(ids):
             raise ValueError(f"node ids must differ: {ids}")
-        for name, node in self.nodes.items():
-            tpdo: PdoConfig = node.tpdo  # type: ignore[attr-defined]  # every device sends one
-            if tpdo.transmission_type > 240:
-                raise ValueError(f"{name}: a sample must answer a SYNC: tpdo.transmission_type 1")
+        self._refuse_unasked()
         if self.position is not None:
             self._refuse_two_positions()
         if self.force == FROM_DRIVE and not (self.drive and self.drive.measures_force):
             raise ValueError("force: from drive needs 0x6077 in drive.tpdo, and drive.rated_force")
+        wired = self.drive is not None and self.drive.force_input is not None
+        if self.force == FROM_INPUT and not wired:
+            raise ValueError("force: from drive input needs drive.force_input")
+        if self.force != FROM_INPUT and wired:
+            raise ValueError("drive.force_input is only for force: from drive input")
         if self.drivetrain is not None and self.force != FROM_DRIVE:
             raise ValueError("drivetrain is only for force: from drive")
         if self.drivetrain is not None and self.encoder is None and self.position is None:
@@ -147,6 +169,16 @@ class CanopenPart(AxisConfig):
         if self.drive and self.drive.daemon_timeout_ms <= self.daemon.heartbeat_ms:
             raise ValueError("drive.daemon_timeout_ms must be above daemon.heartbeat_ms")
         return self
+
+    def _refuse_unasked(self) -> None:
+        """Refuse a sample that does not answer a SYNC."""
+        switch = None if self.drive is None or self.drive.switch is None else self.drive.switch.tpdo
+        for name, tpdo in self.tpdos:
+            if tpdo.transmission_type > 240 and tpdo is not switch:
+                raise ValueError(
+                    f"{name}: a sample must answer a SYNC: transmission_type of TPDO"
+                    f" {tpdo.number} is 1"
+                )
 
     def _refuse_two_positions(self) -> None:
         if self.drive is None or self.encoder is not None:
@@ -180,7 +212,10 @@ class CanopenConfig(CanopenPart):
         None, description="The position encoder; null with `position: from drive`."
     )
     force: ForceSource = Field(
-        description="The force sensor; or `from drive`, the motor's torque (6077h)."
+        description=(
+            "The force sensor; or `from drive`, the motor's torque (6077h); or `from drive input`, "
+            "a sensor at an analog input of the drive (drive.force_input)."
+        )
     )
     drive: DriveConfig = Field(description="The servo drive.")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt.section import Damping, Force, Position, Quantity, Section, Stiffness
@@ -15,7 +15,7 @@ from teleop_rt_drivers.canopen.entries import (
     Sign,
     address,
 )
-from teleop_rt_drivers.canopen.node_config import NodeConfig, PdoConfig
+from teleop_rt_drivers.canopen.node_config import ForceReading, NodeConfig, PdoConfig
 from teleop_rt_drivers.quantity import DriveZero
 
 CONNECTION_LOSS = (0x6007, 0)
@@ -39,6 +39,29 @@ class SwitchConfig(Section):
         ),
     )
     closed: Literal[0, 1] = Field(1, description="Value of that bit while the switch is closed.")
+
+
+class ForceInputConfig(ForceReading):
+    """A force sensor's amplifier at an analog input of the drive, for `force: from drive input`."""
+
+    lowest: int = Field(
+        description=(
+            "Smallest count that the input still measures; a reading below it is saturated and is "
+            "rejected."
+        )
+    )
+    highest: int = Field(
+        description=(
+            "Largest count that the input still measures; a reading above it is saturated and is "
+            "rejected."
+        )
+    )
+
+    @model_validator(mode="after")
+    def _has_range(self) -> ForceInputConfig:
+        if self.lowest >= self.highest:
+            raise ValueError("lowest must be below highest")
+        return self
 
 
 class TorqueConfig(Section):
@@ -117,6 +140,13 @@ class DriveConfig(NodeConfig):
     switch: SwitchConfig | None = Field(
         None, description="Home switch at the drive's digital inputs; null where there is none."
     )
+    force_input: ForceInputConfig | None = Field(
+        None,
+        description=(
+            "Analog input that the force sensor is wired to, with `force: from drive input`; null "
+            "where there is none."
+        ),
+    )
     daemon_timeout_ms: int = Field(
         60,
         ge=2,
@@ -147,6 +177,23 @@ class DriveConfig(NodeConfig):
                 " nothing is compared with the force sensor"
             )
         return lacks
+
+    @property
+    def tpdos(self) -> dict[str, PdoConfig]:
+        """Return the process data objects that the drive sends, by their key in the config."""
+        sent = {"tpdo": self.tpdo}
+        if self.switch is not None:
+            sent["switch.tpdo"] = self.switch.tpdo
+        if self.force_input is not None:
+            sent["force_input.tpdo"] = self.force_input.tpdo
+        return sent
+
+    @model_validator(mode="after")
+    def _sends_each_once(self) -> DriveConfig:
+        numbers = {key: pdo.number for key, pdo in self.tpdos.items()}
+        if len(set(numbers.values())) != len(numbers):
+            raise ValueError(f"the numbers of {' and '.join(numbers)} must differ: {numbers}")
+        return self
 
     @property
     def rated(self) -> float | None:

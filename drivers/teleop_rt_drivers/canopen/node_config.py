@@ -20,7 +20,7 @@ from teleop_rt_drivers.canopen.entries import (
     Word,
     address,
 )
-from teleop_rt_drivers.quantity import FROM_DRIVE, FromDrive
+from teleop_rt_drivers.quantity import FROM_DRIVE, FROM_INPUT, FromDrive, FromInput
 
 OURS = (0x1016, 0x6040, 0x6060, 0x6071, 0x607A)
 """Watch over this program, control word, mode and targets: what decides whether the drive moves."""
@@ -213,14 +213,17 @@ class EncoderConfig(NodeConfig):
     )
 
 
-class ForceConfig(NodeConfig):
-    """The force sensor."""
+class ForceReading(Section):
+    """A force among process data: where it is, and what a count of it means."""
 
     tpdo: PdoConfig = Field(
-        description="Process data object in which the force sensor sends its reading."
+        description="Process data object in which the device sends the reading of the force."
     )
     force: Entry = Field(
-        description="Entry with the force in counts, 0x9130:1 on CiA 404; part of the tpdo."
+        description=(
+            "Entry with the force in counts, part of the tpdo: 0x9130:1 on CiA 404, 0x6401:1 for "
+            "an analog input of CiA 401."
+        )
     )
     status: Entry | None = Field(
         None,
@@ -239,8 +242,12 @@ class ForceConfig(NodeConfig):
     offset: Force = Field(0.0, description="Force at count 0.")
 
 
+class ForceConfig(ForceReading, NodeConfig):
+    """The force sensor, a device of its own."""
+
+
 class _SensorOrDrive:
-    """Annotation of a force sensor's section, in place of which `from drive` may stand.
+    """Annotation of a force sensor's section, in place of which words for the drive may stand.
 
     A union would report the problems of both.
     """
@@ -251,10 +258,10 @@ class _SensorOrDrive:
     ) -> CoreSchema:
         section = handler.generate_schema(ForceConfig)
         return core_schema.no_info_wrap_validator_function(
-            lambda value, validate: value if value == FROM_DRIVE else validate(value),
+            lambda value, validate: value if value in WORDS else validate(value),
             section,
             serialization=core_schema.wrap_serializer_function_ser_schema(
-                lambda value, dump: value if value == FROM_DRIVE else dump(value), schema=section
+                lambda value, dump: value if value in WORDS else dump(value), schema=section
             ),
         )
 
@@ -262,7 +269,8 @@ class _SensorOrDrive:
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        return {"anyOf": [handler(schema), {"const": FROM_DRIVE, "type": "string"}]}
+        return {"anyOf": [handler(schema), {"enum": list(WORDS), "type": "string"}]}
 
 
-ForceSource = Annotated[ForceConfig | FromDrive, _SensorOrDrive]
+WORDS = (FROM_DRIVE, FROM_INPUT)
+ForceSource = Annotated[ForceConfig | FromDrive | FromInput, _SensorOrDrive]

@@ -22,6 +22,18 @@ HOME_SWITCH = 1 << 2
 VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12
 
 
+FORCE_PER_MV = 0.025
+"""Force of one millivolt of the load cell's amplifier [rig unit]: 250 N at 10 V."""
+STEP_MV, STEPS = 10_000 / 2048, 2048
+"""A converter of 12 bits over -10 to 10 V; what lies beyond reads as its end."""
+
+
+def analog_input(force: float) -> int:
+    """Return the voltage that the drive measures at its input [mV], of a sensor's force."""
+    step = round(force / FORCE_PER_MV / STEP_MV)
+    return round(STEP_MV * max(-STEPS, min(STEPS - 1, step)))
+
+
 class Power(Enum):
     """States of the power drive system, with the statusword's bits 0 to 3, 5 and 6."""
 
@@ -56,6 +68,7 @@ class ServoDrive(Device):
                 (0x6064, 0): lambda: round(plant.drive_counts),
                 (0x6077, 0): self._torque,
                 (0x60FD, 0): lambda: HOME_SWITCH if plant.switch_closed else 0,
+                (0x6401, 1): lambda: analog_input(plant.measured_force()),
             },
         )
         self._rated = self.value(0x6076) * 1e-3
