@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_link import LinkConfig
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus_load import Load
+    from teleop_rt_drivers.canopen.drive_config import ForceInputConfig
 
 DEFAULT_BIT_RATE = 1_000_000
 WARN_ABOVE = 0.9
@@ -188,4 +189,23 @@ def _check_limits(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]
             interpolation_period(rig.period_ns)
         except AxisError as error:
             findings.append(Finding("error", str(error), "rate_hz", "choose another rate"))
+        if part.drive.force_input is not None:
+            findings.append(
+                _input_range(part.drive.force_input, rig, f"{where}.drive.force_input")
+            )
     return findings
+
+
+def _input_range(config: ForceInputConfig, rig: RigConfig, where: str) -> Finding:
+    """Compare the forces that an analog input measures with the limit that it has to see."""
+    unit, most = rig.units.force, rig.limits.force_max
+    ends = sorted(
+        config.offset + config.sign * config.scale * count
+        for count in (config.lowest, config.highest)
+    )
+    what = f"the drive's input measures {ends[0]:g} to {ends[1]:g} {unit}"
+    if ends[0] <= -most and most <= ends[1]:
+        return Finding("ok", what, where)
+    step = f"lower force_max_{unit}, or amplify the sensor's signal less"
+    what = f"{what}, and force_max is {most:g} {unit} either way: a larger force would not be seen"
+    return Finding("error", what, where, step)
