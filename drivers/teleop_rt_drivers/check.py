@@ -190,9 +190,7 @@ def _check_limits(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]
         except AxisError as error:
             findings.append(Finding("error", str(error), "rate_hz", "choose another rate"))
         if part.drive.force_input is not None:
-            findings.append(
-                _input_range(part.drive.force_input, rig, f"{where}.drive.force_input")
-            )
+            findings.append(_input_range(part.drive.force_input, rig, f"{where}.drive.force_input"))
     return findings
 
 

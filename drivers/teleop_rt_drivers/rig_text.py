@@ -28,10 +28,13 @@ CHANNELS = {
 """Adapters by their interface, and the channel that each usually has."""
 WITH_FD = ("socketcan", "fdcanusb", "unix")
 """Adapters that carry CAN FD."""
-SENSORS = ("wrench", "load-cell", "drive")
-"""A fast force sensor, a slow one, or none: the motor's torque."""
+SENSORS = ("wrench", "load-cell", "drive", "drive-input")
+"""A fast force sensor, a slow one, none (the motor's torque), or one at the drive's own input."""
+WITH_INPUT = "canopen"
+"""Drive whose analog input is read."""
 PRESETS = {
     ("canopen", "drive"): "simulated_canopen_drive",
+    ("canopen", "drive-input"): "simulated_canopen_input",
     "canopen": "simulated_mixed",
     "cybergear": "simulated_robstride",
 }
@@ -94,7 +97,11 @@ def rig_text(
         raise NewRigError(
             "--position encoder: only --drive canopen with a force sensor has an encoder of its own"
         )
-    text = _without_sensor(drive) if sensor == "drive" else _preset(drive)
+    if sensor == "drive-input" and drive != WITH_INPUT:
+        raise NewRigError(
+            "--sensor drive-input: only --drive canopen sends what its analog input measures"
+        )
+    text = _with_sensor(drive, sensor)
     text = text.replace(*SIMULATED_MASS) if adapter == "unix" else text
     if position == "drive" and (drive, sensor) in ENCODERS:
         text = _without_encoder(text)
@@ -157,10 +164,15 @@ def _without_encoder(text: str) -> str:
     return text.replace("axis:\n", f"{unsafe}\n\naxis:\n", 1)
 
 
+def _with_sensor(drive: str, sensor: str) -> str:
+    """Return a rig with a drive and a force sensor; a load cell has the preset of a wrench."""
+    if (drive, sensor) in PRESETS:
+        return example_text(PRESETS[drive, sensor])
+    return _without_sensor(drive) if sensor == "drive" else _preset(drive)
+
+
 def _without_sensor(drive: str) -> str:
     """Return a rig whose force is the motor's torque."""
-    if (drive, "drive") in PRESETS:
-        return example_text(PRESETS[drive, "drive"])
     text = _preset(drive)
     text = text[: text.index("    sensor:\n")]
     text = text.replace(

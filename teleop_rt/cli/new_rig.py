@@ -13,7 +13,10 @@ from teleop_rt.errors import ExpectedError
 
 DRIVE = "odrive, damiao, cybergear, robstride, moteus, vesc, dynamixel, feetech, canopen"
 ADAPTER = "socketcan, slcan, fdcanusb, gs_usb, pcan; serial for servos; unix for the simulated rig"
-SENSOR = "wrench (fast, serial), load-cell (80 samples/s, serial), or drive (the motor's torque)"
+SENSOR = (
+    "wrench (fast, serial), load-cell (80 samples/s, serial), drive (the motor's torque), or "
+    "drive-input (wired to an analog input; canopen)"
+)
 
 
 class UnansweredError(ExpectedError):

@@ -29,6 +29,7 @@ POSSIBLE = [
     for sensor in SENSORS
     if (drive in ON_LINES) == (adapter == "serial") or adapter == "unix"
     if drive != "moteus" or adapter in WITH_FD
+    if sensor != "drive-input" or drive == "canopen"
 ]
 
 
@@ -49,6 +50,10 @@ def test_every_combination_is_accepted_by_check(drive, adapter, sensor, tmp_path
         assert (part.position, part.force) == ("from drive", "from drive")
         assert part.drivetrain is not None
         assert "force_comparison" in rig.unsafe_i_know
+    elif sensor == "drive-input":
+        (part,) = parts.values()
+        assert (part.position, part.force) == ("from drive", "from drive input")
+        assert rig.unsafe_i_know == ("position_comparison",)
     else:
         assert parts["sensor"].folder == (PORTS if adapter == "unix" else "/dev")
     if adapter != "unix":
@@ -111,6 +116,7 @@ def test_a_cybergear_has_its_own_limits_and_no_watchdog(tmp_path):
         ("servo", "unix", "wrench", "--drive servo: is not one of odrive"),
         ("odrive", "usb", "wrench", "--adapter usb: is not one of socketcan"),
         ("odrive", "unix", "scale", "--sensor scale: is not one of wrench"),
+        ("odrive", "unix", "drive-input", "only --drive canopen sends what its analog input"),
         ("moteus", "slcan", "wrench", "moteus needs CAN FD"),
         ("moteus", "serial", "wrench", "moteus is on a CAN bus"),
         ("feetech", "slcan", "wrench", "feetech is on a serial line"),

@@ -58,6 +58,58 @@ def test_identity_and_mappings_are_the_eds_s_and_the_rig_runs(tmp_path, call):
     FramedBench(rig).armed(60)
 
 
+def test_a_maker_s_analog_input_is_found_by_its_name(tmp_path, call):
+    text = without(other_drive(), "6401").replace("0x64010110", "0")
+    text = text.replace("[ManufacturerObjects]\nSupportedObjects=0\n", OF_THE_MAKER)
+    (tmp_path / "other.eds").write_text(text)
+    file = tmp_path / "rig.yaml"
+    options = ("--drive", "canopen", "--adapter", "unix", "--sensor", "drive-input")
+    code, out, err = call("new-rig", file, *options, "--eds", tmp_path / "other.eds")
+    assert code == 0, err
+    assert "0x3160:1 (Analog input properties: Analog input 1 voltage) is taken" in out
+    assert "others are 0x3160:2" in out
+    wired = load_rig(file, registry.AXIS_SCHEMAS).axis.drive.force_input
+    assert (wired.force, wired.tpdo.objects, wired.tpdo.number) == ("0x3160:1", ("0x3160:1",), 3)
+    (tmp_path / "none.eds").write_text(without(other_drive(), "6401").replace("0x64010110", "0"))
+    code, _, err = call("new-rig", tmp_path / "r.yaml", *options, "--eds", tmp_path / "none.eds")
+    assert code == 2
+    assert "no object with an analog input in its name" in err
+
+
+OF_THE_MAKER = """\
+[ManufacturerObjects]
+SupportedObjects=1
+1=0x3160
+
+[3160]
+ParameterName=Analog input properties
+ObjectType=0x9
+SubNumber=3
+
+[3160sub0]
+ParameterName=Highest sub-index supported
+ObjectType=0x7
+DataType=0x0005
+AccessType=const
+DefaultValue=2
+PDOMapping=0
+
+[3160sub1]
+ParameterName=Analog input 1 voltage
+ObjectType=0x7
+DataType=0x0003
+AccessType=ro
+PDOMapping=1
+
+[3160sub2]
+ParameterName=Analog input 2 voltage
+ObjectType=0x7
+DataType=0x0003
+AccessType=ro
+PDOMapping=1
+"""
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

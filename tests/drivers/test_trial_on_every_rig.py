@@ -58,7 +58,7 @@ TORQUE = [
 CHANGES = {"unreferenced": NO_ZEROS, "torque": TORQUE}
 
 
-RIGS_RUN = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
+RIGS_RUN = ("canopen", "canopen_input", "serial", "raw_can", "mixed", "unreferenced")
 
 
 def summary_in_lockstep(trial, folder):

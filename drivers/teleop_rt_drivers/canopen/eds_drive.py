@@ -5,8 +5,11 @@ Which objects the daemon reads and writes is that of `setup.py`; an EDS without 
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from canopen.objectdictionary import ODVariable
 
 from teleop_rt.axis import AxisError
 from teleop_rt_drivers.canopen import cia402, eds
@@ -20,9 +23,10 @@ from teleop_rt_drivers.canopen.pdo import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
-    from canopen.objectdictionary import ObjectDictionary, ODVariable
+    from canopen.objectdictionary import ObjectDictionary
 
 PROFILE = 402
 NEEDED = (
@@ -33,6 +37,8 @@ TAKEN = ("0x6040", "0x607A")
 SENT = ("0x6041", "0x6077", "0x6064")
 PDOS = 512
 SPEED_UNIT = "0x60A9"
+ANALOG = re.compile(r"analogu?e?\b.*\bin", re.IGNORECASE)
+"""Names of objects with an analog input's value, which no profile of drives gives a place to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +61,13 @@ def drive_of(file: Path, section: dict[str, Any]) -> EdsDrive:
     values["drive", "rpdo"] = _pdo(dictionary, TAKEN, RPDO_COMMUNICATION, RPDO_MAPPING, file.name)
     values["drive", "tpdo"] = _pdo(dictionary, SENT, TPDO_COMMUNICATION, TPDO_MAPPING, file.name)
     setup, notes = _setup(dictionary, section.get("setup", {}))
+    if (wired := section.get("force_input")) is not None:
+        entry, note = _input(dictionary, wired["force"], file.name)
+        values["drive", "force_input", "force"] = f'"{entry}"'
+        values["drive", "force_input", "tpdo"] = _pdo(
+            dictionary, (entry,), TPDO_COMMUNICATION, TPDO_MAPPING, file.name, 1
+        )
+        notes.append(note)
     values["drive", "setup"] = f"{{{setup}}}"
     return EdsDrive(values, (*notes, *_numbers(dictionary)))
 
@@ -102,13 +115,19 @@ def _refuse_unmapped(dictionary: ObjectDictionary, name: str) -> None:
 
 def _pdo(
     dictionary: ObjectDictionary, objects: tuple[str, ...], communication: int, mapping: int,
-    name: str,
+    name: str, spared: int = 0,
 ) -> str:  # fmt: skip
-    """Return the first PDO that these objects can be mapped into, as the rig's file has it."""
+    """Return a PDO that these objects can be mapped into, as the rig's file has it.
+
+    It is the first one but for those `spared`.
+    """
     for number in range(1, PDOS + 1):
         cob = dictionary.get_variable(communication + number - 1, 1)
         count = dictionary.get_variable(mapping + number - 1, 0)
         if cob is None or count is None or not count.writable or cob.default is None:
+            continue
+        if spared:
+            spared -= 1
             continue
         listed = ", ".join(f'"{entry}"' for entry in objects)
         return f"{{number: {number}, transmission_type: 1, objects: [{listed}]}}"
@@ -129,6 +148,41 @@ def _setup(dictionary: ObjectDictionary, wanted: dict[str, int]) -> tuple[str, l
             notes.append(f"setup: {entry} is its largest, {most}: {value} was wanted")
         kept.append(f'"{entry}": {min(value, most)}')
     return ", ".join(kept), notes
+
+
+def _input(dictionary: ObjectDictionary, usual: str, name: str) -> tuple[str, str]:
+    """Return the entry of an analog input and a note: the usual one, or the first by its name.
+
+    Raises AxisError where none can be sent in a PDO.
+    """
+    found = {
+        f"0x{one.index:04X}:{one.subindex}" if one.subindex else f"0x{one.index:04X}": one
+        for one in _variables(dictionary)
+        if one.pdo_mappable and one.readable and one.data_type in FORMATS
+    }
+    named = [entry for entry, one in found.items() if ANALOG.search(_full_name(dictionary, one))]
+    entries = [usual] if usual in found else named
+    if not entries:
+        raise AxisError(
+            f"{name}: no object with an analog input in its name can be mapped into a PDO: take"
+            " another sensor, or put the input's object into the EDS"
+        )
+    others = ", ".join(entry for entry in named if entry != entries[0])
+    note = f"{entries[0]} ({_full_name(dictionary, found[entries[0]])}) is taken for the force"
+    note = f"{note}; others are {others}" if others else note
+    return entries[0], f"{note}: set its scale, lowest and highest, by `calibrate force` and manual"
+
+
+def _variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:
+    """Return every entry, those within arrays and records one by one."""
+    for one in dictionary.values():
+        yield from (one,) if isinstance(one, ODVariable) else one.values()
+
+
+def _full_name(dictionary: ObjectDictionary, one: ODVariable) -> str:
+    """Return the name of an entry after that of its object."""
+    of = dictionary[one.index].name
+    return one.name if of == one.name else f"{of}: {one.name}"
 
 
 def _numbers(dictionary: ObjectDictionary) -> list[str]:
