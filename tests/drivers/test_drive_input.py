@@ -106,9 +106,9 @@ def test_half_a_frame_is_counted_and_gives_no_force():
 
 def axis_with(force: object = "from drive input", **drive: object) -> CanopenConfig:
     """The rig's axis with another force, and other keys of its drive."""
-    told = RIG.axis.model_dump(exclude_unset=True)
+    whole = RIG.axis.model_dump(exclude_unset=True)
     return CanopenConfig.model_validate(
-        {**told, "force": force, "drive": {**told["drive"], **drive}}
+        {**whole, "force": force, "drive": {**whole["drive"], **drive}}
     )
 
 

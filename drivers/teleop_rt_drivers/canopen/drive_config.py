@@ -45,16 +45,20 @@ class ForceInputConfig(ForceReading):
     """A force sensor's amplifier at an analog input of the drive, for `force: from drive input`."""
 
     lowest: int = Field(
+        ge=-(2**31),
+        le=2**31,
         description=(
             "Smallest count that the input still measures; a reading below it is saturated and is "
             "rejected."
-        )
+        ),
     )
     highest: int = Field(
+        ge=-(2**31),
+        le=2**31,
         description=(
             "Largest count that the input still measures; a reading above it is saturated and is "
             "rejected."
-        )
+        ),
     )
 
     @model_validator(mode="after")
