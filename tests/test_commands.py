@@ -9,6 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from rich.markup import render
 
 from teleop_rt import __version__
 from teleop_rt.cli import app
@@ -203,11 +204,23 @@ def test_the_help_groups_the_commands_and_completion_is_installed_at_the_top(cal
     assert "--install-completion" not in call("study", "--help")[1]
 
 
-def test_no_flag_of_any_command_shows_a_type(call):
+def every_command():
+    """Return every command, those of groups too, by the words that call it."""
     commands = dict(app.load_all())
     for group in GROUPS:
         commands |= {f"{group} {name}": one for name, one in commands[group].commands.items()}
-    for name in commands:
+    return commands
+
+
+def test_no_word_in_brackets_is_lost_from_a_help_text():
+    """Rich takes a unit such as [s] for a style, and drops it."""
+    for name, command in every_command().items():
+        for words in (command.help, *(getattr(one, "help", None) for one in command.params)):
+            assert render(words or "").plain == (words or ""), name
+
+
+def test_no_flag_of_any_command_shows_a_type(call):
+    for name in every_command():
         code, out, _ = call(*name.split(), "--help")
         assert code == 0, name
         assert "bool" not in out, name

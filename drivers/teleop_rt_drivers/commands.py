@@ -37,7 +37,9 @@ def check(config: ConfigFile, overrides: Overrides = None, as_json: Json = False
 def doctor(
     config: ConfigFile,
     overrides: Overrides = None,
-    cycles: Annotated[int, typer.Option(min=20, help="cycles to read the devices for")] = CYCLES,
+    cycles: Annotated[
+        int, typer.Option(min=20, help="number of cycles in which the devices are read")
+    ] = CYCLES,
     as_json: Json = False,
 ) -> None:
     """Measure the machine, and a rig's buses, devices and link; nothing is armed."""

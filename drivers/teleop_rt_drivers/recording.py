@@ -28,7 +28,7 @@ LONGEST_GAP_PERIODS = 1.5
 
 
 class RecordingAxisConfig(AxisConfig):
-    """A CSV file with a header line, and which column is what.
+    """A CSV file with a header line, and role of a column.
 
     A scale is rig units per unit of the column, with the sign that makes penetration and
     pressing positive; an offset is in rig units.

@@ -58,7 +58,7 @@ app = LazyGroup(
         ),
         "slave": LazyCommand(
             f"{_SIDES}:slave",
-            "Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it.",
+            "Run the slave daemon next to the rig; `arm`, `start`, `stop` and `status` command it.",
             panel=_RIG,
         ),
         "master": LazyCommand(
@@ -66,7 +66,7 @@ app = LazyGroup(
         ),
         "sim": LazyCommand(
             f"{_SIDES}:sim",
-            "Run the simulated rig: a plant behind devices that speak real bytes.",
+            "Run the simulated rig: a plant, and devices that exchange real bytes.",
             panel=_RIG,
         ),
         "arm": LazyCommand(
@@ -91,7 +91,7 @@ app = LazyGroup(
         ),
         "reload": LazyCommand(
             f"{_SERVICE}:reload",
-            "Let the running daemon load its config again; an invalid one changes nothing.",
+            "Reload the config of the running daemon; an invalid config changes nothing.",
             panel=_RIG,
         ),
         "status": LazyCommand(
@@ -120,12 +120,12 @@ app = LazyGroup(
         ),
         "diagnose": LazyCommand(
             f"{_RECORDED}:diagnose",
-            "Find the effect that a model lacks, and report the errors without and with it.",
+            "Name the effect that a model lacks, and report the errors without and with it.",
             panel=_RECORDINGS,
         ),
         "report": LazyCommand(
             "teleop_rt.cli.showing:report",
-            "Write the report of a run from its folder, also of a run that ended badly.",
+            "Write the report of a run from its folder, also after a fault or a crash.",
             panel=_RECORDINGS,
         ),
         "runs": LazyCommand(
@@ -136,12 +136,12 @@ app = LazyGroup(
         ),
         "live": LazyCommand(
             "teleop_rt.cli.showing:live",
-            "Show what runs on this machine, or a recording, in a browser; it controls nothing.",
+            "Show a running session or a recording in a browser; the page controls nothing.",
             panel=_RECORDINGS,
         ),
         "export": LazyCommand(
             f"{_RECORDED}:export",
-            "Write one channel of a recording as a table, or all of it as others read it.",
+            "Export one channel of a recording as a table, or the recording for ROS 2 or LeRobot.",
             panel=_RECORDINGS,
         ),
         "recover": LazyCommand(
@@ -151,7 +151,7 @@ app = LazyGroup(
         ),
         "schema": LazyCommand(
             "teleop_rt.cli.schema:schema",
-            "Print the JSON Schema of a YAML file that is read, or of the JSON that is printed.",
+            "Print the JSON Schema of an input file (YAML) or of a command's JSON output.",
             panel=_TOOLS,
         ),
         "keygen": LazyCommand(

@@ -21,7 +21,7 @@ Simulated = Annotated[
     typer.Option(
         metavar="TRIAL",
         parser=trial_file,
-        help="rehearse without hardware, on what this trial simulates: a file, or a shipped name",
+        help="rehearse without hardware, on the rig of this trial (a file, or a shipped name)",
     ),
 ]
 
@@ -36,16 +36,21 @@ app = typer.Typer(
 def force(
     rig_file: RigFile,
     weights: Annotated[str, typer.Option(help="masses in kg, such as 0,0.5,1; two or more")],
-    seconds: Annotated[float, typer.Option(min=0.5, help="reading time of each")] = 3.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.5, help="reading time of each weight, in seconds")
+    ] = 3.0,
     lever_m: Annotated[
-        float | None, typer.Option("--lever-m", help="arm of the weight on a rotary rig, in m")
+        float | None,
+        typer.Option("--lever-m", help="lever arm of the weights on a rotary rig, in m"),
     ] = None,
-    pull: Annotated[bool, typer.Option("--pull", help="the weight pulls, not presses")] = False,
+    pull: Annotated[
+        bool, typer.Option("--pull", help="the weights pull; by default they press")
+    ] = False,
     simulated: Simulated = None,
     write: Write = False,
     as_json: Json = False,
 ) -> None:
-    """Find scale, offset, linearity, noise and drift of the force sensor by weights."""
+    """Estimate scale, offset, linearity, noise and drift of the force sensor from weights."""
     from teleop_rt_drivers.calibration.work import calibrate_force  # noqa: PLC0415 - all drivers
 
     def ask(words: str) -> None:
@@ -60,14 +65,19 @@ def force(
 @app.command()
 def lag(
     rig_file: RigFile,
-    recording: Annotated[Path, typer.Argument(help="a run that pressed on a spring, MCAP")],
+    recording: Annotated[
+        Path, typer.Argument(help="MCAP recording of a run that pressed on a spring")
+    ],
     damping: Annotated[
-        float, typer.Option(min=0, help="damping of the body; almost none for a steel spring")
+        float,
+        typer.Option(
+            min=0, help="damping of the spring, in the rig's units; a steel spring has almost none"
+        ),
     ] = 0.0,
     write: Write = False,
     as_json: Json = False,
 ) -> None:
-    """Find the lag of the force, or of the drive's torque, by pressing on a spring."""
+    """Estimate the lag of the force, or of the drive's torque, from a press on a spring."""
     from teleop_rt_drivers.calibration.work import calibrate_lag  # noqa: PLC0415 - as above
 
     calibrate_lag(rig_file, recording, damping, write=write, as_json=as_json)
@@ -76,12 +86,14 @@ def lag(
 @app.command()
 def drivetrain(
     rig_file: RigFile,
-    recording: Annotated[Path, typer.Argument(help="a run of this rig, MCAP")],
-    base: Annotated[str, typer.Option(help="model of what the run pressed on")] = "kelvin-voigt",
+    recording: Annotated[Path, typer.Argument(help="MCAP recording of a run of this rig")],
+    base: Annotated[
+        str, typer.Option(help="model of the body that the run pressed on")
+    ] = "kelvin-voigt",
     write: Write = False,
     as_json: Json = False,
 ) -> None:
-    """Find friction and mass that a force from the drive is freed of, by diagnosis of a run."""
+    """Estimate the drivetrain's friction and mass from a run, by diagnosis."""
     from teleop_rt_drivers.calibration.work import calibrate_drivetrain  # noqa: PLC0415 - as above
 
     calibrate_drivetrain(rig_file, recording, base, write=write, as_json=as_json)
@@ -90,14 +102,16 @@ def drivetrain(
 @app.command()
 def device(
     rig_file: RigFile,
-    force: Annotated[float, typer.Option(help="force to push with, in the rig's unit")],
-    reach: Annotated[float, typer.Option(help="way to swing to either side, in the rig's unit")],
-    seconds: Annotated[float, typer.Option(min=1.0, max=60.0, help="time to swing")] = 4.0,
+    force: Annotated[float, typer.Option(help="force that moves the device, in the rig's unit")],
+    reach: Annotated[
+        float, typer.Option(help="largest distance to either side, in the rig's unit")
+    ],
+    seconds: Annotated[float, typer.Option(min=1.0, max=60.0, help="duration of the motion")] = 4.0,
     simulated: Simulated = None,
     write: Write = False,
     as_json: Json = False,
 ) -> None:
-    """Find mass, damping, friction and latency of an operator's device by a short motion."""
+    """Estimate mass, damping, friction and latency of an operator's device from a short motion."""
     from teleop_rt_drivers.calibration.work import calibrate_device  # noqa: PLC0415 - as above
 
     def ask(words: str) -> None:

@@ -21,10 +21,15 @@ def close_loop(
             help="the trial: a YAML file, or the name of one that ships",
         ),
     ] = None,
-    recording: Annotated[Path | None, typer.Option(help="measured file, not a trial")] = None,
-    test: Annotated[Path | None, typer.Option(help="measured file for the errors")] = None,
+    recording: Annotated[
+        Path | None, typer.Option(help="measured recording to diagnose, in place of a trial")
+    ] = None,
+    test: Annotated[
+        Path | None,
+        typer.Option(help="second measured recording, on which the errors are computed"),
+    ] = None,
     base: Annotated[
-        str | None, typer.Option(help=f"by default the trial's first model; {BASE_HELP}")
+        str | None, typer.Option(help=f"base model; default: the trial's first; {BASE_HELP}")
     ] = None,
     clock: Annotated[
         Literal["real", "simulated"], typer.Option(help="real or simulated time")

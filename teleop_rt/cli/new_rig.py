@@ -29,10 +29,14 @@ def new_rig(
     adapter: Annotated[str | None, typer.Option(help=ADAPTER)] = None,
     sensor: Annotated[str | None, typer.Option(help=SENSOR)] = None,
     position: Annotated[
-        str | None, typer.Option(help="whose encoder: drive, or encoder (canopen: a node for it)")
+        str | None,
+        typer.Option(help="source of the position: drive, or encoder (canopen: a node of its own)"),
     ] = None,
     handle: Annotated[
-        bool, typer.Option("--handle", help="an operator's device that is one drive; no sensor")
+        bool,
+        typer.Option(
+            "--handle", help="an operator's device made of one drive, without a force sensor"
+        ),
     ] = False,
     channel: Annotated[
         str | None, typer.Option(help="the adapter's channel, such as can0 or ttyUSB0")
@@ -41,10 +45,14 @@ def new_rig(
         Path | None, typer.Option(help="canopen: the drive's EDS, from its maker")
     ] = None,
     scan: Annotated[
-        bool, typer.Option("--scan", help="ask who is there, and write what is read; moves nothing")
+        bool,
+        typer.Option(
+            "--scan",
+            help="identify the devices on the bus and write what they report; moves nothing",
+        ),
     ] = False,
     chosen: Annotated[
-        int | None, typer.Option("--id", help="with --scan: which drive, where several answer")
+        int | None, typer.Option("--id", help="with --scan: id of the drive, if several answer")
     ] = None,
 ) -> None:
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""

@@ -40,7 +40,7 @@ Overrides = Annotated[
 OutFolder = Annotated[Path | None, typer.Option("--out", help="folder to write; must be empty")]
 OptionalKeyFile = Annotated[
     Path | None,
-    typer.Option("--key", help="key file, as `keygen` makes it; a service has its credential"),
+    typer.Option("--key", help="key file made by `keygen`; default of a service: its credential"),
 ]
 JsonLines = Annotated[bool, typer.Option("--json", help="print events as lines of JSON")]
 LivePort = Annotated[

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from teleop_rt.offline.table import Table
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-BASE_HELP = f"a model: {', '.join(MODEL_IDS)}; or terms by commas: {', '.join(TERM_IDS)}"
+BASE_HELP = f"a model: {', '.join(MODEL_IDS)}; or comma-separated terms: {', '.join(TERM_IDS)}"
 
 Recordings = Annotated[
     list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders; folders and globs of these")
@@ -25,20 +25,23 @@ Surface = Annotated[
     str, typer.Option(help="auto, or the surface's position, as 10mm; without a unit in m or rad")
 ]
 Columns = Annotated[
-    list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="which column is what")
+    list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="role of a column")
 ]
 UnitsOption = Annotated[
-    list[str] | None, typer.Option("--units", metavar="ROLE=UNIT", help="unit of a column")
+    list[str] | None,
+    typer.Option("--units", metavar="ROLE=UNIT", help="unit of a column that does not state it"),
 ]
-Rate = Annotated[float | None, typer.Option(help="samples per second, where there is no time")]
+Rate = Annotated[
+    float | None, typer.Option(help="samples per second, for a table without a time column")
+]
 EffectsFile = Annotated[Path | None, typer.Option(help="Python file with your own effects")]
-Json = Annotated[bool, typer.Option("--json", help="one JSON object per recording and line")]
-Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all that are worth it")]
+Json = Annotated[bool, typer.Option("--json", help="print one line of JSON per recording")]
+Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 uses as many as shorten the work")]
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
 
 
 def _some_of(ids: Iterable[str]) -> str:
-    return f"by commas, of {', '.join(ids)}; by default those of the run, or all"
+    return f"comma-separated, from {', '.join(ids)}; default: those of the run, or all"
 
 
 def replay(
@@ -52,11 +55,14 @@ def replay(
     rate: Rate = None,
     trace: Annotated[Path | None, typer.Option(help="NPZ file for parameters over time")] = None,
     effects: EffectsFile = None,
-    out: Annotated[Path | None, typer.Option(help="folder that keeps the answers of many")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="folder that keeps the answers; the same command resumes there"),
+    ] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
     every: Annotated[
-        bool, typer.Option("--all", help="print all estimators, not the best")
+        bool, typer.Option("--all", help="print all estimators; default: the five best")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -94,13 +100,15 @@ def diagnose(
     rate: Rate = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="folder for page, model and proposed trial; of many, one below it each"),
+        typer.Option(
+            help="folder for page, model and proposed trial; one subfolder each for several"
+        ),
     ] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
     as_json: Json = False,
 ) -> None:
-    """Find the effect that a model lacks, and report the errors without and with it."""
+    """Name the effect that a model lacks, and report the errors without and with it."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
     with bar("loading the effects", counts=False):
@@ -122,7 +130,9 @@ def diagnose(
 
 def recover(
     recording: Annotated[Path, typer.Argument(help="a recording that was cut off, or its folder")],
-    out: Annotated[Path | None, typer.Option(help="by default NAME.recovered.mcap")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="file to write; default: NAME.recovered.mcap")
+    ] = None,
 ) -> None:
     """Repair a recording that a crash cut off; the original is kept."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
@@ -150,19 +160,26 @@ def export(
     recording: Annotated[Path, typer.Argument(help="an MCAP recording, or a run folder")],
     out: Annotated[
         Path,
-        typer.Argument(help="a .csv, .npz, .mat or .parquet file; .mcap for ros2, else a folder"),
+        typer.Argument(
+            help="file: .csv, .npz, .mat or .parquet; .mcap for --ros2; a folder for --lerobot"
+        ),
     ],
-    topic: Annotated[str, typer.Option(help="which channel")] = "/slave",
+    topic: Annotated[str, typer.Option(help="channel to export")] = "/slave",
     ros2: Annotated[
         bool, typer.Option("--ros2", help="write joint states and wrenches of both sides for ROS 2")
     ] = False,
     lerobot: Annotated[
-        bool, typer.Option("--lerobot", help="write a LeRobot dataset; of a folder of runs, all")
+        bool,
+        typer.Option(
+            "--lerobot", help="write a LeRobot dataset of a run, or of all runs in a folder"
+        ),
     ] = False,
     fps: Annotated[int, typer.Option(min=1, max=4000, help="frames per second for LeRobot")] = 50,
-    task: Annotated[str, typer.Option(help="what was done, for LeRobot")] = "press on an object",
+    task: Annotated[
+        str, typer.Option(help="description of the task, for LeRobot")
+    ] = "press on an object",
 ) -> None:
-    """Write one channel of a recording as a table, or all of it as others read it."""
+    """Export one channel of a recording as a table, or the recording for ROS 2 or LeRobot."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
     with bar("exporting", counts=False):

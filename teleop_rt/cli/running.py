@@ -13,8 +13,12 @@ from teleop_rt.cli.options import ClockName, LivePort, Overrides, TrialFile
 def run(
     trial_file: TrialFile,
     clock: Annotated[ClockName, typer.Option(help="real or simulated time")] = ClockName.REAL,
-    duration: Annotated[float | None, typer.Option(help="seconds, instead of the trial's")] = None,
-    seed: Annotated[int | None, typer.Option(help="instead of the trial's")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="duration in seconds; default: the trial's")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="seed of all random numbers; default: the trial's")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="folder to write; must be empty")] = None,
     overrides: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,

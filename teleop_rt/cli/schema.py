@@ -24,7 +24,7 @@ def schema(
         SchemaName, typer.Argument(help="trial, rig, columns, format, answer, summary")
     ],
 ) -> None:
-    """Print the JSON Schema of a YAML file that is read, or of the JSON that is printed."""
+    """Print the JSON Schema of an input file (YAML) or of a command's JSON output."""
     from teleop_rt.cli.schemas import as_text  # noqa: PLC0415 - loads drivers and compilers
 
     print(as_text(name), end="")

@@ -23,14 +23,15 @@ GradeName = Literal["good", "attention", "bad", "unknown"]
 def report(
     folders: Annotated[list[Path], typer.Argument(help="run folder; two or more with --compare")],
     compare: Annotated[
-        bool, typer.Option("--compare", help="set runs side by side, on one page")
+        bool, typer.Option("--compare", help="compare runs side by side on one page")
     ] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="the page of a comparison")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="page to write, with --compare")] = None,
     figures: Annotated[
-        Path | None, typer.Option(help="folder for each figure as SVG, PDF and CSV, too")
+        Path | None,
+        typer.Option(help="also write each figure as SVG, PDF and CSV into this folder"),
     ] = None,
 ) -> None:
-    """Write the report of a run from its folder, also of a run that ended badly."""
+    """Write the report of a run from its folder, also after a fault or a crash."""
     if (len(folders) > 1) != compare:
         raise RecordingError("give one run folder, or two or more after --compare")
     if figures is not None and compare:
@@ -69,12 +70,14 @@ def _written(
 
 def runs(
     folder: Annotated[Path, typer.Argument(help="folder of runs")] = Path("runs"),
-    trial: Annotated[str | None, typer.Option(help="only trials whose name has this in it")] = None,
-    grade: Annotated[GradeName | None, typer.Option(help="only runs of this grade")] = None,
+    trial: Annotated[
+        str | None, typer.Option(help="list only trials whose name contains this text")
+    ] = None,
+    grade: Annotated[GradeName | None, typer.Option(help="list only runs of this grade")] = None,
     open_: Annotated[
-        bool, typer.Option("--open", help="open the report of the newest of them in a browser")
+        bool, typer.Option("--open", help="open the report of the newest listed run in a browser")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="one JSON object per run")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print one line of JSON per run")] = False,
 ) -> None:
     """List the runs of a folder, the newest first: date, trial, verdict, k, b and felt error."""
     with bar("reading the runs", counts=False):
@@ -103,18 +106,21 @@ def runs(
 
 def live(
     recording: Annotated[
-        Path | None, typer.Argument(help="play back a recording or run folder, instead")
+        Path | None,
+        typer.Argument(help="recording or run folder to play back; default: the running session"),
     ] = None,
     port: LivePort = 5006,
     host: Annotated[
-        str, typer.Option(help="address to serve at; by default this machine alone may look")
+        str,
+        typer.Option(help="address to serve at; by default only this machine can open the page"),
     ] = "127.0.0.1",
     foxglove: Annotated[
-        bool, typer.Option("--foxglove", help="serve Foxglove's WebSocket protocol, instead")
+        bool,
+        typer.Option("--foxglove", help="serve Foxglove's WebSocket protocol in place of the page"),
     ] = False,
     beside: Annotated[int | None, typer.Option("--beside", hidden=True)] = None,
 ) -> None:
-    """Show what runs on this machine, or a recording, in a browser; it controls nothing."""
+    """Show a running session or a recording in a browser; the page controls nothing."""
     if foxglove:
         with _extra("foxglove"):
             from teleop_rt.view.live.foxglove import bridge_to_foxglove  # noqa: PLC0415

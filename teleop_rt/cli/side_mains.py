@@ -142,7 +142,7 @@ def _operate(side: Side, trial_file: Path, key: Path | None) -> None:
 def run_sim(
     trial_file: Path, overrides: list[str] | None, out: Path | None, *, as_json: bool
 ) -> None:
-    """Run the simulated rig: a plant behind devices that speak real bytes."""
+    """Run the simulated rig: a plant, and devices that exchange real bytes."""
     with _side("sim", trial_file, overrides, out, as_json=as_json) as side:
         _simulate(side, trial_file)
 

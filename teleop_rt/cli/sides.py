@@ -19,7 +19,7 @@ def slave(
     ] = False,
     as_json: JsonLines = False,
 ) -> None:
-    """Run the slave daemon next to the rig; `start`, `stop`, `arm` and `status` talk to it."""
+    """Run the slave daemon next to the rig; `arm`, `start`, `stop` and `status` command it."""
     from teleop_rt.cli.side_mains import run_slave  # noqa: PLC0415 - loads compilers and drivers
 
     run_slave(trial_file, key, overrides, out, arm=arm, as_json=as_json)
@@ -44,7 +44,7 @@ def sim(
     out: OutFolder = None,
     as_json: JsonLines = False,
 ) -> None:
-    """Run the simulated rig: a plant behind devices that speak real bytes."""
+    """Run the simulated rig: a plant, and devices that exchange real bytes."""
     from teleop_rt.cli.side_mains import run_sim  # noqa: PLC0415 - loads compilers and drivers
 
     run_sim(trial_file, overrides, out, as_json=as_json)

@@ -18,7 +18,7 @@ REFUSED, BAD_INPUT = 1, 2
 _UNSAFE = "unsafe: "
 
 Rig = Annotated[
-    str | None, typer.Option("--rig", help="the rig's name, where several daemons are running")
+    str | None, typer.Option("--rig", help="the rig's name, if several daemons are running")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object")]
 
@@ -53,7 +53,7 @@ def reload(
     pid: Annotated[int | None, typer.Option(help="the daemon's process id")] = None,
     as_json: Json = False,
 ) -> None:
-    """Let the running daemon load its config again; an invalid one changes nothing."""
+    """Reload the config of the running daemon; an invalid config changes nothing."""
     _print(request_reload(rig, pid), as_json=as_json)
 
 

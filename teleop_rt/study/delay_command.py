@@ -33,7 +33,9 @@ Modes = Annotated[str, typer.Option("--mode", help="modes, comma-separated")]
 Environments = Annotated[str, typer.Option("--environment", help="environments, comma-separated")]
 RoundTrips = Annotated[str, typer.Option("--round-trip-ms", help="round trips, comma-separated")]
 Losses = Annotated[str, typer.Option("--loss", help="shares of packets lost, comma-separated")]
-Cost = Annotated[bool, typer.Option("--cost", help="print the cost, and stop")]
+Cost = Annotated[
+    bool, typer.Option("--cost", help="print the number of cells and the time they take, and exit")
+]
 
 
 def delay(
@@ -50,7 +52,7 @@ def delay(
 ) -> None:
     """Compare what the operator feels in every mode, at every delay, loss and environment.
 
-    Cells that a folder holds already are kept: an interrupted study goes on with the same command.
+    Finished cells in the folder are kept: the same command resumes an interrupted study.
     """
     with bar("loading the study", counts=False):
         from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above

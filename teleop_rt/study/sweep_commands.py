@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 Out = Annotated[Path, typer.Option(help="folder to write, or to resume")]
 Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 takes all")]
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
-AsJson = Annotated[bool, typer.Option("--json", help="print what was found as one JSON object")]
+AsJson = Annotated[bool, typer.Option("--json", help="print the result as one JSON object")]
 Seeds = Annotated[int, typer.Option(min=1, help="seeds of each case")]
-Duration = Annotated[float, typer.Option(min=1.0, help="length of each case [s]")]
+Duration = Annotated[float, typer.Option(min=1.0, help="length of each case, in seconds")]
 Frequencies = Annotated[str, typer.Option(help="frequencies [Hz], comma-separated")]
 TrialFile = Annotated[
     Path,
@@ -36,7 +36,8 @@ TrialFile = Annotated[
     ),
 ]
 CubeSeconds = Annotated[
-    float, typer.Option(min=0.0, help="length of the cube's trial [s]; 0 leaves the cube out")
+    float,
+    typer.Option(min=0.0, help="length of the cube's trial, in seconds; 0 leaves the cube out"),
 ]
 _CUBE = example("trials", "silicone_cube")
 LONGEST_CONTACT = "operator.lift_off_every_s=86400.0"
@@ -54,7 +55,7 @@ def chapter4(
     scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
-    """Repeat the report's chapter 4, and hold each of its statements against what is found."""
+    """Repeat the report's chapter 4, and compare each of its statements with the result."""
     with bar("loading the study", counts=False):
         from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
         from teleop_rt.batch.workers import Workers  # noqa: PLC0415 - as above
@@ -106,7 +107,7 @@ def time_varying(
     scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
-    """Sweep stiffness steps and ramps: how far each solver runs behind."""
+    """Sweep stiffness steps and ramps, and report how late each solver follows."""
     with bar("loading the study", counts=False):
         from teleop_rt.study import time_varying as study  # noqa: PLC0415 - compiles for seconds
 
@@ -121,7 +122,7 @@ def excitation(
     scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
-    """Sweep which models one sinusoid excites, by offset, amplitude, frequency and force bias."""
+    """Report which models one sinusoid excites, by offset, amplitude, frequency and force bias."""
     with bar("loading the study", counts=False):
         from teleop_rt.study import excitation as study  # noqa: PLC0415 - compiles for seconds
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import DeviceName
 
 PERIOD_S = 1e-3
-DRIVE_INPUT = 0x2B0
-"""COB-ID of the second TPDO of the drive in `simulated_canopen_input`."""
 
 
 def mute(device: DeviceName) -> Callable[[FaultWorld], None]:
@@ -156,26 +154,6 @@ def not_a_number(world: FaultWorld) -> None:
     """The force sensor sends whole frames, checksum and all, whose force is not a number."""
     world.kept.rejected_before = world.slave.sample.rejected
     setattr(world.rig.plant, "measured_force", lambda: math.nan)
-
-
-def input_reads(*data: bytes) -> Callable[[FaultWorld], None]:
-    """The drive's analog input sends these bytes from now on, or nothing; all else goes on."""
-
-    def change(world: FaultWorld) -> None:
-        bus = world.axis._axis._bus
-        hear = bus.deliver
-
-        def changed(message: Any) -> None:
-            can_id = getattr(message, "arbitration_id", None)
-            can_id = message[0] if can_id is None else can_id
-            if can_id != DRIVE_INPUT:
-                hear(message)
-            for one in data if can_id == DRIVE_INPUT else ():
-                hear(frame(DRIVE_INPUT, one))
-
-        bus.deliver = changed
-
-    return change
 
 
 def jam(world: FaultWorld) -> None:
