@@ -10,11 +10,13 @@ import sys
 
 import numpy as np
 import pytest
+from lean_install import without_pages
 from schema_checks import violations
 
 from teleop_rt.batch.sweep import CASES
 from teleop_rt.cli.schema import SchemaName
-from teleop_rt.offline import work
+from teleop_rt.contact.effects import find as effect
+from teleop_rt.offline import closing_files, work
 from teleop_rt.offline.find import find, names_one, own_names
 from teleop_rt.offline.many import ANSWERS
 
@@ -43,6 +45,16 @@ def folder(tmp_path):
     (tmp_path / "presses" / ".hidden").mkdir()
     (tmp_path / "presses" / ".hidden" / "d.csv").write_text("t_s\n")
     return tmp_path / "presses"
+
+
+@pytest.fixture
+def two_effects(monkeypatch):
+    """Diagnose with two effects and without pages: who asks, not what is found, is tested here."""
+    known = (effect("coulomb_friction"), effect("force_bias"))
+    for module in (work, closing_files):
+        monkeypatch.setattr(module, "library", lambda _own: known)
+    with without_pages():
+        yield
 
 
 def relative(paths, folder):
@@ -89,6 +101,7 @@ def test_many_give_the_very_bytes_that_each_alone_gives(call, folder, tmp_path):
     assert call("replay", folder / "*.csv", folder / "deeper", *CHOSEN)[1] == "".join(printed)
 
 
+@pytest.mark.usefixtures("two_effects")
 def test_diagnoses_on_two_cores_are_those_of_each_alone(call, folder, tmp_path):
     for name in ("b.csv", "c.csv"):
         (folder / "deeper" / name).unlink()
@@ -127,6 +140,7 @@ PHASES = (
 )
 
 
+@pytest.mark.usefixtures("two_effects")
 def test_a_terminal_shows_each_phase_of_a_diagnosis_and_json_stays_alone(call, folder, monkeypatch):
     write_press(folder / "a.csv", 1500.0, duration_s=1.6)
     terminal = Terminal()
@@ -140,6 +154,7 @@ def test_a_terminal_shows_each_phase_of_a_diagnosis_and_json_stays_alone(call, f
     assert shown == sorted(shown)
 
 
+@pytest.mark.usefixtures("two_effects")
 def test_without_a_terminal_each_phase_is_one_line_on_standard_error(call, folder):
     write_press(folder / "a.csv", 1500.0, duration_s=1.6)
     code, out, err = call("diagnose", folder / "a.csv", "--surface", "0", "--json")
@@ -279,6 +294,7 @@ def test_an_interrupt_reports_what_is_kept_and_the_same_command_goes_on(
     assert done(tmp_path / "out") == ["a", "b", "c"]
 
 
+@pytest.mark.usefixtures("two_effects")
 def test_a_line_of_a_diagnosis_or_a_closed_loop_keeps_to_no_width_in_a_pipe(call, tmp_path):
     for name, seed in (("first", 1), ("other", 2)):
         write_press(tmp_path / f"{name}.csv", 1500.0, seed, 2.0)

@@ -53,7 +53,7 @@ def foam(tmp_path_factory):
 @pytest.fixture(scope="module")
 def bias(tmp_path_factory):
     out = tmp_path_factory.mktemp("bias")
-    return out, closed(out, BIAS, SHORT, *FIRM)
+    return out, closed(out, BIAS, SHORT, *FIRM, library=ALIKE)
 
 
 def test_the_layer_that_the_tutorials_trial_hides_is_named(tmp_path):

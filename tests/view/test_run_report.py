@@ -110,6 +110,12 @@ def first_screen(folder: Path) -> str:
     return page[: page.index("<h2>Force and residual")]
 
 
+@pytest.fixture
+def no_charts(monkeypatch):
+    """Draw no chart below the first screen: they take most of a report's time."""
+    monkeypatch.setattr(figures, "charts", lambda *_: [])
+
+
 def test_the_first_screen_says_that_it_worked_and_how_well(good):
     screen = first_screen(good)
     summary = json.loads((good / "summary.json").read_text())
@@ -238,6 +244,7 @@ def test_the_report_of_a_folder_is_the_report_that_the_run_wrote(good, call):
     assert (good / "report.html").read_bytes() == before
 
 
+@pytest.mark.usefixtures("no_charts")
 def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call, tmp_path):
     cut = tmp_path / "cut"
     cut.mkdir()
@@ -272,6 +279,7 @@ def test_what_cannot_be_reported_is_refused_with_its_place(stopped, call, tmp_pa
     assert words in err
 
 
+@pytest.mark.usefixtures("no_charts")
 def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
     reported = {"dropped": {"/slave": 12}, "alarm": "the disk refuses the recording", "restarts": 1}
     summary = json.loads((good / "summary.json").read_text())
@@ -286,6 +294,7 @@ def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
 @pytest.mark.parametrize(("note", "headline"), [
     (STEPS_OF_MOTION, "It worked"), ("the master never engaged", "read the notes below"),
 ])  # fmt: skip
+@pytest.mark.usefixtures("no_charts")
 def test_a_note_on_how_a_run_was_judged_leaves_it_good(good, tmp_path, note, headline):
     summary = json.loads((good / "summary.json").read_text())
     folder = tmp_path / "run"
