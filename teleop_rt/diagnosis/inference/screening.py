@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.inference.coarse import Coarse
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import NOTHING, Fit, Problem, grid, stiffer
-from teleop_rt.diagnosis.models.least_squares import explained, least_squares
+from teleop_rt.diagnosis.models.least_squares import explained
 from teleop_rt.diagnosis.models.model import (
     JUMPS,
     SURFACE,
@@ -23,13 +23,21 @@ from teleop_rt.diagnosis.models.model import (
     phases,
 )
 from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.models.simulate import rate_of, run_step
+from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
+_SOLVED = 3  # places of a law's grid that are solved, of those that promise most
+_SWUNG = 5  # periods of an oscillation; of more, the likeliest are screened
 _TONES = 3  # strongest lines of the residual that are screened
 _SPANNED = 1e-8  # of a row's energy; a smaller part outside the model is a rounding error
 _NEEDS_JUMP_RATE = (*JUMPS, "filters_force")
 """Actions of effects that are screened at the rate which resolves the jumps of a contact."""
+
+Place = tuple[Vector, Vector | None]
+"""Nonlinear parameters, and a guess of the linear ones."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +61,17 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     """
     slopes = jacobian(problem, fit)[len(fit.model.linear) :]
     own = tangent_space(problem, fit)
+    # With an effect a parameter that its sign or bound holds may leave it.
+    whole = orthonormal(np.concatenate([fit.columns, slopes])) if len(fit.columns) else own
     starts: list[Start] = []
     for effect in effects:
         if effect.acts == "adds_force":
             starts += _screen_added(problem, fit, own, effect)
+        elif swings(effect):
+            starts += [_screen_swing(problem, fit, own, e)
+                       for e in _localised(problem, fit, effect)]  # fmt: skip
         else:
-            starts += _screen_composed(problem, fit, own, slopes, effect)
+            starts += _screen_composed(problem, fit, whole, slopes, effect)
     if not fit.model.base.finds_surface:
         starts = [s for s in starts if s.gain > 0.0]
     return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
@@ -168,24 +181,52 @@ def _gains(
 def _screen_composed(
     problem: Problem, fit: Fit, own: Matrix, slopes: Matrix, effect: Effect
 ) -> list[Start]:
-    """Screen an effect on position, time or the whole force by full linear fits on its grid.
+    """Screen an effect on position, time or the whole force by full linear fits.
 
-    `slopes` are the derivatives by the fit's nonlinear parameters. They stay free with and without
-    the effect, because a fit between two jumps of a contact could still gain by them.
+    They are made where the grid promises most. `slopes` are the derivatives by the fit's nonlinear
+    parameters. They stay free with and without the effect, because a fit between two jumps of a
+    contact could still gain by them.
     """
-    if swings(effect):
-        return [_screen_swing(problem, fit, own, e) for e in _localised(problem, fit, effect)]
-    best = Start(effect, fit.zeta, -np.inf, extended(fit.model, effect))
+    own_law = extended(fit.model, effect)
+    best = Start(effect, fit.zeta, -np.inf, own_law)
+    places: list[Place] = []
+    for shape in _grid(problem, effect):
+        for amplitude in _amplitudes(problem, fit, own, effect, shape):
+            added = np.concatenate([amplitude, shape])
+            guess = _guess_near(fit, effect, added)
+            zetas = _with_surfaces(problem, fit, own_law, np.concatenate([fit.zeta, added]))
+            places += [(zeta, guess) for zeta in zetas]
     without = fit.chi2 - _gain_of_slopes(fit, slopes)
-    for model, shape in product(_clamps(problem, fit, best.model), _grid(problem, effect)):
-        for amplitude in _amplitudes(problem, fit, slopes, effect, shape):
-            own = np.concatenate([amplitude, shape])
-            for zeta in _with_surfaces(problem, fit, model, np.concatenate([fit.zeta, own])):
-                trial = problem.solve(model, zeta, _guess_near(fit, effect, own))
-                gain = without - (trial.chi2 - _gain_of_slopes(trial, slopes))
-                if gain > best.gain:
-                    best = Start(effect, zeta, gain, model)
+    models = _clamps(problem, fit, own_law)
+    if len(models) == 1 or effect.family != "delay":
+        places = _most_promising(problem, fit, own, own_law, places)
+    for model, (zeta, guess) in product(models, places):
+        trial = problem.solve(model, zeta, guess)
+        gain = without - (trial.chi2 - _gain_of_slopes(trial, slopes))
+        if gain > best.gain:
+            best = Start(effect, zeta, gain, model)
     return [best]
+
+
+def _most_promising(
+    problem: Problem, fit: Fit, own: Matrix, model: CandidateModel, places: list[Place]
+) -> list[Place]:
+    """Return the places at which the model with one more effect gains most, to first order.
+
+    At each the change of the force is exact in the nonlinear parameters, and those of the fit
+    adapt linearly (`own`). They do not where a late force took the damping to zero and the clamp
+    off, nor without a guess of the linear parameters.
+    """
+    guessed = [(zeta, guess) for zeta, guess in places if guess is not None]
+    if len(guessed) <= _SOLVED:
+        return places
+    here = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    change = [force_of(model, problem.motion, zeta, guess) - here for zeta, guess in guessed]
+    rows = problem.whitener(np.array(change))
+    free = rows - (rows @ own) @ own.T
+    left = fit.residual - own @ (own.T @ fit.residual)
+    gains = 2.0 * free @ left - np.einsum("ij,ij->i", free, free)
+    return [places[i] for i in np.argsort(-gains)[:_SOLVED]]
 
 
 def _gain_of_slopes(fit: Fit, slopes: Matrix) -> float:
@@ -239,7 +280,7 @@ def _clamps(problem: Problem, fit: Fit, model: CandidateModel) -> list[Candidate
 
 
 def _amplitudes(
-    problem: Problem, fit: Fit, slopes: Matrix, effect: Effect, shape: Vector
+    problem: Problem, fit: Fit, own: Matrix, effect: Effect, shape: Vector
 ) -> list[Vector]:
     """Return the amplitudes to screen: a grid, and the least-squares value by the derivative.
 
@@ -255,9 +296,9 @@ def _amplitudes(
         force_of(model, problem.motion, np.concatenate([fit.zeta, *zeta]), fit.theta)
         for model, zeta in ((fit.model, ()), (extended(fit.model, effect), ([tiny], shape)))
     ]
-    row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)
-    rows = np.concatenate([row, fit.free_columns, slopes])
-    linear = float(least_squares(rows, fit.residual)[0])
+    row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)[0]
+    free = row - own @ (own.T @ row)
+    linear = float(free @ fit.residual / max(float(free @ free), 1e-300))
     return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
 
 
@@ -275,7 +316,7 @@ def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> St
     """Screen a small oscillation of the position by its two derivatives, in time or stroke."""
     model = extended(fit.model, effect)
     small = 1e-3 * problem.motion.scales["travel"]
-    period = grid(effect.shapes[0], problem.motion.scales)
+    period = _likely_periods(problem, fit, own, effect)
     largest = bounds(effect.amplitude, problem.motion.scales)[1]
     still = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     moved = np.empty((len(period), 2, still.size))
@@ -289,6 +330,41 @@ def _screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> St
     turned = np.arctan2(theta[best, 1], theta[best, 0])
     zeta = np.concatenate([fit.zeta, [size, period[best], turned]])
     return Start(effect, zeta, float(gains[best]), model)
+
+
+def _likely_periods(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> list[float]:
+    """Return the grid's periods at which a small oscillation along the stroke gains most.
+
+    Here the force follows position, velocity and acceleration without memory.
+    """
+    motion = problem.motion
+    periods = grid(effect.shapes[0], motion.scales)
+    if len(periods) <= _SWUNG:
+        return periods
+    still = force_of(fit.model, motion, fit.zeta, fit.theta)
+    change = np.zeros((len(periods), 2, still.size))
+    swung = motion.made((effect, "swung"), lambda: _swung(motion, effect, periods))
+    for name, moved in zip("xva", swung, strict=True):
+        row = getattr(motion, name)
+        step = 1e-3 * float(np.max(np.abs(row)))
+        beside = force_of(fit.model, replace(motion, **{name: row + step}), fit.zeta, fit.theta)
+        change += (beside - still) / step * moved
+    gains, _ = _gains(problem.whitener(change), own, fit.residual, np.zeros(2, dtype=bool))
+    return [periods[i] for i in np.argsort(-gains)[:_SOLVED]]
+
+
+def _swung(motion: RecordedMotion, effect: Effect, periods: list[float]) -> list[Matrix]:
+    """Return an oscillation of unit size, and its first and second rate.
+
+    Each is an array (periods, 2 phases, samples).
+    """
+    found = np.empty((3, len(periods), 2, motion.x.size))
+    for i, j in np.ndindex(found.shape[1:3]):
+        eta = np.array([periods[i], 0.5 * np.pi * j])
+        found[0, i, j] = run_step(effect, motion.x, motion.v, motion.a, motion.t, motion.dt, eta)
+        found[1, i, j] = rate_of(found[0, i, j], motion.dt)
+        found[2, i, j] = rate_of(found[1, i, j], motion.dt)
+    return list(found)
 
 
 def extended(model: CandidateModel, effect: Effect) -> CandidateModel:
