@@ -13,6 +13,8 @@ import scipy
 
 from teleop_rt.contact.effect import Vector
 
+_WIDE = 64  # weights; wider windows are faster by spectra: 0.15 for 2.4 ms at 600, 10 000 samples
+
 
 def local_polynomial(
     rows: Vector, half: int, order: int, derivative: int = 0, dt: float = 1.0
@@ -27,10 +29,23 @@ def local_polynomial(
     lowered = np.maximum(powers - derivative, 0)
     factors = np.array([perm(power, derivative) for power in powers.tolist()])
     values = factors / (half * dt) ** derivative * places[:, None] ** lowered
-    found = scipy.ndimage.correlate1d(rows, values[half] @ fitted, axis=-1)
-    width = places.size
+    found, width = _correlated(rows, values[half] @ fitted), places.size
     found[..., :half] = rows[..., :width] @ fitted.T @ values[:half].T
     found[..., -half:] = rows[..., -width:] @ fitted.T @ values[-half:].T
+    return np.asarray(found, dtype=np.float64)
+
+
+def _correlated(rows: Vector, weights: Vector) -> Vector:
+    """Return rows (..., samples) weighted by an odd number of weights about each sample.
+
+    Half a window at both ends is undefined. By spectra, whose time hardly depends on the window.
+    """
+    if weights.size < _WIDE:
+        return np.asarray(scipy.ndimage.correlate1d(rows, weights, axis=-1), dtype=np.float64)
+    size, half = rows.shape[-1], weights.size // 2
+    length = scipy.fft.next_fast_len(size + half, real=True)
+    spectra = scipy.fft.rfft(rows, length) * scipy.fft.rfft(weights[::-1], length)
+    found = scipy.fft.irfft(spectra, length, overwrite_x=True)[..., half : half + size]
     return np.asarray(found, dtype=np.float64)
 
 
