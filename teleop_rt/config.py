@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import Field, SerializeAsAny, model_validator
 
-from teleop_rt.config_contradictions import contradictions
+from teleop_rt.config_contradictions import ContradictionError, contradictions
 from teleop_rt.config_extended import ExtendedModelConfig
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
@@ -238,5 +238,5 @@ class TrialConfig(Section):
     @model_validator(mode="after")
     def _possible(self) -> TrialConfig:
         if problems := contradictions(self):
-            raise ValueError("; ".join(problems))
+            raise ContradictionError(problems)
         return self

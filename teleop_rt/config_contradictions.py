@@ -10,8 +10,19 @@ if TYPE_CHECKING:
     from teleop_rt.config import TrialConfig
 
 
+class ContradictionError(ValueError):
+    """Demands that a trial does not meet; `found` has a sentence for each."""
+
+    def __init__(self, found: list[str]) -> None:
+        super().__init__("; ".join(found))
+        self.found = found
+
+
 def contradictions(trial: TrialConfig) -> list[str]:
-    """Return one sentence for each demand that a trial does not meet."""
+    """Return a sentence for each demand that a trial does not meet; it begins with a key, dotted.
+
+    That key is one of the fields of a trial, and the rest of the sentence follows it.
+    """
     return [
         *_forces_out_of_order(trial),
         *_motion_out_of_range(trial),
@@ -82,13 +93,13 @@ def _motion_out_of_range(trial: TrialConfig) -> list[str]:
     room = limits.position_max - limits.position_min
     if deepest > room:
         problems.append(
-            f"the operator's mean and amplitude make {deepest:g} of penetration, and the rig's"
+            f"operator: mean and amplitude make {deepest:g} of penetration, and the rig's"
             f" limits leave a range of {room:g}"
         )
     start = scale * profile.start
     if not limits.position_min <= start <= limits.position_max:
         problems.append(
-            f"the operator's start {start:g} is outside of the rig's limits"
+            f"operator: start {start:g} is outside of the rig's limits"
             f" {limits.position_min:g} to {limits.position_max:g}"
         )
     return problems

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from teleop_rt.config import PlantConfig, TrialConfig
-from teleop_rt.config_problems import follows_from_others, problem_of
+from teleop_rt.config_problems import follows_from_others, problems_of
 from teleop_rt.config_rig import AxisConfig, RigConfig
 from teleop_rt.section import Section, Units
 from teleop_rt.shipped import example, example_names, meant
@@ -240,10 +240,9 @@ def _validate(
         for detail in details:
             if follows_from_others(detail, details):
                 continue
-            problem = problem_of(schema, document, path, units, detail)
             nested = detail["loc"] == ("plant",) or detail["loc"][-1:] == ("axis",)
             if not (nested and reported):
-                problems.append(problem)
+                problems += problems_of(schema, document, path, units, detail)
         return None
 
 

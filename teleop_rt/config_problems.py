@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic_core import ErrorDetails
 
+from teleop_rt.config_contradictions import ContradictionError
 from teleop_rt.section import MissingUnit, Section, Units
 from teleop_rt.yaml_file import Document, KeyPath, Problem
 
@@ -18,6 +19,9 @@ _UNIT = re.compile(rf"(.+?)_((?:{_ONE})(?:_s)?(?:_per_(?:{_ONE}))?)")
 _DECIMAL_COMMA = re.compile(r"([-+]?\d+),(\d+)")
 _NUMBERS = {"float_type": "a number", "int_type": "a whole number"}
 
+_DOTTED = re.compile(r"([a-z_]+(?:\.[a-z_]+)*):? (.+)", re.DOTALL)
+"""A contradiction: the key that it is about, and what is said of that key."""
+
 
 def follows_from_others(detail: ErrorDetails, details: list[ErrorDetails]) -> bool:
     """Return whether a list is reported as too short only because its items are invalid."""
@@ -25,6 +29,28 @@ def follows_from_others(detail: ErrorDetails, details: list[ErrorDetails]) -> bo
     return detail["type"] == "too_short" and any(
         len(other["loc"]) > len(loc) and other["loc"][: len(loc)] == loc for other in details
     )
+
+
+def problems_of(
+    schema: type[Section],
+    document: Document,
+    path: KeyPath,
+    units: Units | None,
+    detail: ErrorDetails,
+) -> list[Problem]:
+    """Return a problem, or one for each contradiction between sections, at the key it names."""
+    error = detail.get("ctx", {}).get("error")
+    if not isinstance(error, ContradictionError):
+        return [problem_of(schema, document, path, units, detail)]
+    problems = []
+    for sentence in error.found:
+        named = _DOTTED.fullmatch(sentence)
+        assert named is not None  # noqa: S101 - `contradictions` begins each with a key
+        keys = (*path, *detail["loc"], *named[1].split("."))
+        location = _written_keys(document, keys, schema, len(path), units)
+        name = ".".join(map(str, location))
+        problems.append(Problem(document.place(location), f"{name}: {named[2]}"))
+    return problems
 
 
 def problem_of(

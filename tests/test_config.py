@@ -204,12 +204,12 @@ def test_a_tag_is_refused_with_its_line(tmp_path):
     [
         ("operator.mean_m=5", "5.008 of penetration, and the rig's limits leave a range of 0.1"),
         ("operator.start_m=0.2", "start 0.2 is outside of the rig's limits -0.05 to 0.05"),
-        ("contact.onset_force_N=95", "onset_force 95.0 is not below slave.force_cap 90"),
+        ("contact.onset_force_N=95", "onset_force_N: 95.0 is not below slave.force_cap 90"),
         ("rig.sensors.force_noise_N=1", "noise would be taken for contact"),
-        ("rig.rate_hz=100", "cutoff_hz 60 is not below a third of the rig's rate_hz 100"),
+        ("rig.rate_hz=100", "cutoff_hz: 60 is not below a third of the rig's rate_hz 100"),
         (
             "slave.force_cap_N=500",
-            "slave.force_cap 500.0 is above the rig's limits.force_max 120.0",
+            "slave.force_cap_N: 500.0 is above the rig's limits.force_max 120.0",
         ),
         ("slave.retreat_after_ms=20", "retreat_after_ms must not be below hold_after_ms"),
         ("master.freeze_after_ms=3000", "declutch_after_ms must be above freeze_after_ms"),
@@ -219,6 +219,19 @@ def test_values_that_cannot_go_together_are_refused(tmp_path, override, message)
     [found] = problems_of(tmp_path, overrides=[override])
     assert message in found
     assert "(it is" not in found
+
+
+def test_each_contradiction_is_reported_at_the_line_of_its_own_key(tmp_path):
+    text = TRIAL.replace("onset_force_N: 0.4", "onset_force_N: 600.0")
+    cap, onset = problems_of(tmp_path, trial=text.replace("force_cap_N: 90", "force_cap_N: 500"))
+    lines = [
+        next(n for n, line in enumerate(text.splitlines(), 1) if key in line)
+        for key in ("force_cap_N", "onset_force_N")
+    ]
+    assert 1 not in lines
+    assert cap.startswith(f"trial.yaml:{lines[0]}: slave.force_cap_N: 500.0 is above the rig's")
+    said = f"trial.yaml:{lines[1]}: contact.onset_force_N: 600.0 is not below slave.force_cap 500"
+    assert onset.startswith(said)
 
 
 def test_an_override_reaches_trial_and_rig_and_is_validated_alike(tmp_path):

@@ -39,9 +39,9 @@ def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
     """Write the covariance (n, n) of theta caused by noise; return whether it is known.
 
     S is the row's state; `slot` holds the covariance per unit of noise. It is widened per parameter
-    by the spread of block sums of scores.
+    by the spread of block sums of scores, which a row has only once it was ready.
     """
-    if slot == NONE or S[layout.BLOCKS] < layout.LEAST_BLOCKS or S[layout.READY] == 0.0:
+    if slot == NONE or S[layout.BLOCKS] < layout.LEAST_BLOCKS:
         return False
     for i in range(n):
         for j in range(n):

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation.layout import STATUS_NAMES, WARMING_UP
 from teleop_rt.estimation.pipeline import Pipeline, Trace
 from teleop_rt.estimation.rows import OFFSET, RowSpec
 from teleop_rt.estimation.settling import settling_times
@@ -13,6 +15,7 @@ from teleop_rt.estimation.tracking import stiffness_delays
 
 KEYS = ("model", "regression", "solver", "effects")
 """The keys that identify a row of a report."""
+UNCERTAIN = "uncertain"
 _UNKNOWN = ("warming up", "restarted")
 """States in which a row has no parameters."""
 
@@ -28,11 +31,20 @@ def _unit(row: RowSpec, name: str, position: str, force: str) -> str:
     return units[name].replace("{x}", position).replace("{f}", force)
 
 
+def _status(status: str, deviations: Vector | None) -> str:
+    """Return the status of a row with these deviations (None: not known).
+
+    A row has deviations once it was ready. It is no longer ready where its data were taken with a
+    surface since found elsewhere: its parameters are less certain then, by what deviations say.
+    """
+    return UNCERTAIN if status == STATUS_NAMES[WARMING_UP] and deviations is not None else status
+
+
 def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dict[str, Any]:
     """Return one row as in summary.json; see `report`."""
     row = pipeline.rows[index]
     names, values, deviations = pipeline.estimate(index)
-    status = pipeline.status[index]
+    status = _status(pipeline.status[index], deviations)
     unknown = status in _UNKNOWN
     parameters = {}
     for i, name in enumerate(names):

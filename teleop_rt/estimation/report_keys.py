@@ -39,8 +39,9 @@ class SelectedEstimator(Keys):
 class EstimatorRow(SelectedEstimator):
     """Results of one estimator of the bank."""
 
-    status: Literal["warming up", "estimated", "held", "restarted"]
-    """Whether the parameters are estimated, held from an earlier contact, or not known yet."""
+    status: Literal["warming up", "estimated", "held", "restarted", "uncertain"]
+    """Whether the parameters are estimated, held from an earlier contact, not known yet, or
+    uncertain: their data were taken with a surface since found elsewhere, which widens std."""
     nrmse: float | None
     """Error of the predicted force as a share of its range [1]; null without a prediction."""
     convergence_s: float | None

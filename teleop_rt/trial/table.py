@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from teleop_rt.estimation.report import KEYS
+from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.section import Units
 from teleop_rt.trial.grades import COLOURS, MARKS, grades
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
@@ -24,6 +24,8 @@ _GRADED = {
     "unsafe": "safety",
 }
 """Which line of the table shows which grade."""
+
+SURFACE_ANEW = " since the surface was found elsewhere"
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
@@ -57,7 +59,8 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         name = ", ".join(row[key] for key in KEYS[:3])
         name += f", effects {row['effects']}" if row.get("effects") else ""
         nrmse, settled = _number(row["nrmse"], "", 3), _number(row["convergence_s"], " s", 3)
-        yield f"{mark} {name}: {row['status']}, NRMSE {nrmse}, settled after {settled}"
+        status = row["status"] + (SURFACE_ANEW if row["status"] == UNCERTAIN else "")
+        yield f"{mark} {name}: {status}, NRMSE {nrmse}, settled after {settled}"
         for parameter, value in row["parameters"].items():
             if value["value"] is not None:
                 yield f"      {_parameter(parameter, value)}"
