@@ -209,6 +209,13 @@ class RigConfig(Section):
             " measures no force or position of its own). Shown in red wherever the rig is."
         ),
     )
+    placeholders: tuple[str, ...] = Field(
+        (),
+        description=(
+            "Keys, dotted, whose values are still those of an example, as new-rig lists them: check"
+            " and doctor warn of each. Remove a key once its value is your device's."
+        ),
+    )
     device: DeviceBody | None = Field(
         None, description="Physical properties of an operator's device; null for a slave's rig."
     )

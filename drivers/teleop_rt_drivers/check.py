@@ -49,6 +49,7 @@ def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
     """
     step = "restore the safeguard, or keep out of reach while the axis has power"
     findings = [Finding("danger", sentence, "unsafe_i_know", step) for sentence in rig.unsafe]
+    findings += check_placeholders(rig)
     findings += _check_descriptions(rig)
     if any(finding.severity == "error" for finding in findings):
         return findings
@@ -59,6 +60,15 @@ def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
         findings += check_stalls(part, rig, where)
         findings += check_line_rates(part, rig, where)
     return findings + check_stamps(rig) + check_overshoot(rig, force_cap)
+
+
+def check_placeholders(rig: RigConfig) -> list[Finding]:
+    """Return a warning that lists the keys whose values are still an example's."""
+    if not rig.placeholders:
+        return []
+    what = f"still with an example's value: {', '.join(rig.placeholders)}"
+    step = "put in your own, then remove the key from this list"
+    return [Finding("warning", what, "placeholders", step)]
 
 
 def check_link(link: LinkConfig) -> list[Finding]:

@@ -18,7 +18,7 @@ from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import UNIX, open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
-from teleop_rt_drivers.check import check_link, check_rig
+from teleop_rt_drivers.check import check_link, check_placeholders, check_rig
 from teleop_rt_drivers.device_check import check_device
 from teleop_rt_drivers.doctor import (
     examine_axis,
@@ -68,7 +68,7 @@ def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: 
     """Print what this machine, the rig's buses and the link really do."""
     rig, trial = _load(config, overrides)
     with ElapsedLine("measuring how late a bare loop wakes") as line:
-        findings = examine_machine(rig, between=line.tick)
+        findings = check_placeholders(rig) + examine_machine(rig, between=line.tick)
     with ElapsedLine("asking who answers on the buses") as line:
         findings += survey_buses(rig, open_bus, time.monotonic_ns)
         line.tick()

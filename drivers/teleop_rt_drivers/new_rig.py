@@ -16,17 +16,18 @@ from teleop_rt_drivers.calibration.rig_file import with_values
 from teleop_rt_drivers.canopen.eds_drive import drive_of
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.framed.stream import SerialStream
+from teleop_rt_drivers.placeholders import without_placeholders
 from teleop_rt_drivers.registry import AXIS_SCHEMAS
 from teleop_rt_drivers.rig_text import ON_LINES, SCHEMA, NewRigError
 from teleop_rt_drivers.scanning import can_drives, canopen_nodes, servos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     import can
 
     from teleop_rt_drivers.calibration.rig_file import KeyPath
-    from teleop_rt_drivers.scanning.found import Found
+    from teleop_rt_drivers.scanning.found import Found, Value
 
 
 def with_found(text: str, drive: str, found: Sequence[Found], chosen: int | None) -> str:
@@ -42,7 +43,7 @@ def with_found(text: str, drive: str, found: Sequence[Found], chosen: int | None
     part, section = device_part(text, drive)
     if drive != "canopen":
         values = _one(found, chosen).values
-        return with_values(text, {(*part, *path): value for path, value in values.items()})
+        return _with_own(text, part, values)
     for name in ("drive", "encoder"):
         if not isinstance(section.get(name), dict):
             continue
@@ -57,8 +58,14 @@ def with_found(text: str, drive: str, found: Sequence[Found], chosen: int | None
                 f"--eds FILE (a drive), or write the file without --scan, and put in node_id "
                 f"{one.number}, identity, and eds: the file of its maker"
             )
-        text = with_values(text, {(*part, *path): value for path, value in one.values.items()})
+        text = _with_own(text, part, one.values)
     return text
+
+
+def _with_own(text: str, part: KeyPath, values: Mapping[KeyPath, Value]) -> str:
+    """Return a rig's text with values of a device itself, which are no placeholders any more."""
+    own = {(*part, *path): value for path, value in values.items()}
+    return without_placeholders(with_values(text, own), own)
 
 
 def _is_of(section: dict[str, Any], one: Found, name: str) -> bool:
@@ -125,7 +132,7 @@ def with_eds(text: str, file: Path, note: Callable[[str], None]) -> str:
     read = drive_of(file, section["drive"])
     for line in read.notes:
         note(line)
-    return with_values(text, {(*part, *path): value for path, value in read.values.items()})
+    return _with_own(text, part, read.values)
 
 
 def write_rig(file: Path, text: str) -> None:

@@ -58,6 +58,7 @@ def new_rig(
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
     from teleop_rt_drivers import new_rig as made  # noqa: PLC0415 - loads all drivers
     from teleop_rt_drivers import rig_text  # noqa: PLC0415
+    from teleop_rt_drivers.placeholders import with_placeholders  # noqa: PLC0415
 
     known = {"--drive": (drive, DRIVE), "--adapter": (adapter, ADAPTER)}
     known |= {} if handle else {"--sensor": (sensor, SENSOR)}
@@ -71,6 +72,8 @@ def new_rig(
     else:
         sensor = sensor or _ask("force sensor", SENSOR, "wrench")
         text = rig_text.rig_text(drive, adapter, sensor, channel, position)
+    if adapter != "unix":
+        text = with_placeholders(text)
     if eds is not None:
         text = made.with_eds(text, eds, print)
     if scan or (missing and typer.confirm("ask now who is there (nothing moves)?", default=True)):
@@ -85,8 +88,7 @@ def new_rig(
         trial = "serial_handle" if handle else "silicone_cube"
         print(f"next: teleop-rt run {trial} --set {side}={file.resolve()}")
         return
-    rest = "scales and limits" if scan else "ids, scales and limits"
-    print(f"next: put in {rest} of your devices, then teleop-rt check and doctor")
+    print("next: put in your own values for its placeholders, then teleop-rt check and doctor")
 
 
 def _ask(what: str, known: str, default: str) -> str:

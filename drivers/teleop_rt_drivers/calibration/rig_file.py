@@ -9,6 +9,7 @@ import yaml
 
 from teleop_rt.config_loader import load_rig
 from teleop_rt_drivers.calibration.weights import CalibrationError
+from teleop_rt_drivers.placeholders import without_placeholders
 from teleop_rt_drivers.registry import AXIS_SCHEMAS
 
 KeyPath = tuple[str, ...]
@@ -63,7 +64,7 @@ def rewrite(file: Path, values: Mapping[KeyPath, float]) -> Path:
     Nothing is changed where the rig would not be valid then. Raises CalibrationError, ConfigError.
     """
     text = file.read_text(encoding="utf-8")
-    changed = with_values(text, values)
+    changed = without_placeholders(with_values(text, values), values)
     trial = file.with_name(f".{file.name}.calibrated")
     try:
         trial.write_text(changed, encoding="utf-8")
