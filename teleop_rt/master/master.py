@@ -19,7 +19,7 @@ from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
 from teleop_rt.master.leash import Leash
 from teleop_rt.master.operators import Operator
-from teleop_rt.master.passivity import Port, RenderedBound, WallLimiter
+from teleop_rt.master.passivity import Port
 from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
@@ -29,6 +29,7 @@ from teleop_rt.master.shaking import ShakeGuard
 from teleop_rt.master.stalled_force import StalledForce
 from teleop_rt.master.travel import TravelEnds
 from teleop_rt.master.wall_intake import WallIntake
+from teleop_rt.master.wall_limiter import RenderedBound, WallLimiter
 from teleop_rt.master.walls import NO_WALL
 from teleop_rt.realtime.row import Row
 from teleop_rt.signals import MASTER

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 from teleop_rt.link.messages import ModelMessage, StateMessage
 from teleop_rt.master.adoption import Adoption
-from teleop_rt.master.passivity import WallLimiter
 from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.rhythm import Rhythm
 from teleop_rt.master.screening import Screening
+from teleop_rt.master.wall_limiter import WallLimiter
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 
 WITHDRAWN_S = 0.2

@@ -9,7 +9,8 @@ from itertools import pairwise
 import pytest
 
 from teleop_rt.master.leash import RELEASE_S, Leash
-from teleop_rt.master.passivity import Port, WallLimiter
+from teleop_rt.master.passivity import Port
+from teleop_rt.master.wall_limiter import WallLimiter
 
 T = 1e-3
 

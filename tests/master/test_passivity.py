@@ -8,13 +8,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from teleop_rt.master.passivity import (
-    STIFFEST_SHARE,
-    PassivityBound,
-    Port,
-    WallLimiter,
-    largest_slopes,
-)
+from teleop_rt.master.passivity import STIFFEST_SHARE, PassivityBound, Port
+from teleop_rt.master.wall_limiter import WallLimiter, largest_slopes
 from teleop_rt.master.walls import Wall
 
 T = 0.001
