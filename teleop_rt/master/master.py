@@ -133,7 +133,7 @@ class Master:
         self.tick = 0
         self.intake.reset()
         self.force = self.position = self.velocity = self._moving = self.target = 0.0
-        self._surface_J = 0.0
+        self._offset_aimed = self._surface_J = 0.0
         self._stall.reset()
         self._started_ns = -1
         self._waits_at = math.inf
@@ -322,12 +322,20 @@ class Master:
             self.registration.relax(hand, self.adoption.newest, self._dt_s)
 
     def _aim(self) -> None:
-        """Move the target: kept while frozen, then rejoining the hand without a jump."""
+        """Move the target: kept while frozen, then rejoining the hand without a jump.
+
+        The tool follows a hand that a new wall has put deeper at the same pace: of what lies there
+        nothing was measured, and no guard turns a tool in time that a step drives into it.
+        """
+        offset_before, self._offset_aimed = self._offset_aimed, self.registration.offset
         if self.engagement.state == LinkState.FROZEN:
             self._rejoining = True
             return
         gap = self.x - self.target
         reach = self._rejoin_speed + abs(self._position_scale * self.velocity)
         reach *= self._dt_s
-        self._rejoining = self._rejoining and abs(gap) > reach
+        vanished = self._rejoin_speed * self._dt_s
+        deeper = self.engagement.state == LinkState.ENGAGED and gap > 0.0
+        deeper = deeper and offset_before - self._offset_aimed > vanished
+        self._rejoining = (self._rejoining or deeper) and abs(gap) > reach
         self.target += math.copysign(reach, gap) if self._rejoining else gap

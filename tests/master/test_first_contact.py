@@ -273,6 +273,37 @@ def test_what_states_or_a_model_show_takes_the_place_of_the_soft_wall_at_the_for
     assert world.master.x == pytest.approx(world.slave.surface + felt / 20_000.0, abs=1e-5)
 
 
+def test_a_softer_first_model_leads_the_tool_deeper_at_the_pace_of_hand_and_offset() -> None:
+    """As a step it drove the tool 5 mm deep at 0.5 m/s, into foam that locks there: 1.7 caps."""
+    world = World(Script((0, 0), (1, 0.016), (9, 0.016)), model_after=800, k=3600.0, b=0.0)
+    world.run(1000)
+    master, slave = world.master, world.slave
+    assert master.intake.provisional
+    placed = master.registration.offset
+    slave.k = 600.0
+    targets = [master.target]
+    while master.registration.offset == placed:
+        world.step()
+    for _ in range(600):
+        targets.append(master.target)
+        world.step()
+    assert placed - master.registration.offset > 0.003
+    pace = (CONFIG.offset_speed + 0.016) * DT_S
+    assert np.diff(targets).max() <= pace * (1 + 1e-9)
+    assert master.target == pytest.approx(master.x), "it arrives"
+
+
+def test_a_hand_that_is_put_less_deep_takes_the_tool_back_at_once() -> None:
+    world = World(Script((0, 0), (1, 0.0257), (9, 0.0257)), k=400.0, b=3.0)
+    world.run(2500)
+    world.slave.k, world.slave.ticks_in_contact = 5000.0, 0
+    offset = world.master.registration.offset
+    while world.master.registration.offset == offset:
+        world.step()
+    assert world.master.registration.offset > offset
+    assert world.master.target == world.master.x
+
+
 def test_a_wall_that_turns_stiffer_than_the_tank_can_pay_is_taken_at_the_force_felt() -> None:
     world = World(Script((0, 0), (1, 0.0257), (9, 0.0257)), k=400.0, b=3.0)
     world.run(2500)
