@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import motion_of
 from teleop_rt.diagnosis.samples.smoothing import half_window
-from teleop_rt_dev.bench.measure import Row, row
+from teleop_rt_dev.bench.measure import Row, processor_seconds, row
 from teleop_rt_dev.diagnosis import peers
 from teleop_rt_dev.diagnosis.peers_venv import peers_python
 from teleop_rt_dev.diagnosis.plants import Record, make
@@ -32,6 +32,7 @@ OTHERS = ("stress_relaxation", "channel_delay", "backlash", "second_layer", "hys
           "force_saturation")  # fmt: skip
 NULLS = 6
 _LEAST_SHARE = 0.01
+_YARDSTICK_ROUNDS = 1000  # about 0.15 s
 
 
 def dictionary(record: Record) -> tuple[Array, list[str]]:
@@ -91,6 +92,7 @@ def by_peers(cases: list[Record]) -> dict[str, list[dict[str, Any]]]:
         found.setdefault(answer["peer"], []).append({
             "truth": record.truth, "first": first, "alarm": bool(kept),
             "over_floor": answer["rms"] / record.noise, "seconds": answer["seconds"],
+            "ratio": answer["seconds"] / yardstick(),
         })  # fmt: skip
     return found
 
@@ -112,9 +114,24 @@ def by_us(cases: list[Record]) -> list[dict[str, Any]]:
         found.append({
             "truth": record.truth, "first": first[0] if first and len(first) == 1 else None,
             "alarm": answer["verdict"] != "no_missing_effect",
-            "over_floor": rms / record.noise, "seconds": seconds,
+            "over_floor": rms / record.noise, "seconds": seconds, "ratio": seconds / yardstick(),
         })  # fmt: skip
     return found
+
+
+def yardstick() -> float:
+    """Return the processor time [s] of a fixed workload in numpy, of spectra and products.
+
+    A ratio to it, measured right after, compares commits on another or a busy machine.
+    """
+    rows = np.random.default_rng(0).standard_normal((4, TOTAL))
+
+    def work() -> None:
+        for _ in range(_YARDSTICK_ROUNDS):
+            spectra = np.fft.rfft(rows)
+            np.abs(spectra) @ np.abs(spectra).T
+
+    return processor_seconds(work)
 
 
 def rows_of(name: str, answers: list[dict[str, Any]], *, ours: bool) -> list[Row]:
@@ -140,6 +157,7 @@ def rows_of(name: str, answers: list[dict[str, Any]], *, ours: bool) -> list[Row
         row(f"{name}: held-out error over the noise", "ratio", share(seen, "over_floor"),
             "<= 1.05" if ours else None),
         row(f"{name}: time, one effect", "s", share(seen, "seconds"), "<= 1" if ours else None),
+        row(f"{name}: the same, over numpy's yardstick", "ratio", share(seen, "ratio")),
     ]  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.samples.preparation import UNPRESSED
 
 _RECLAMPED = 5  # best fits that are tried with another clamp at zero force
 _POLISHED = 12  # best fits whose contact is searched by steps (see `polished`)
-_STEPS = (1e-2, 1e-3, 1e-4)  # of a parameter's range, tried in this order, up to `_MOST_STEPS`
+_STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # of a parameter's range, tried in this order
 _MOST_STEPS = 8  # in one direction, each as long as the last one or twice as long
 _SURFACE_GAPS = 6  # gaps between samples tried on either side of the surface
 _MOST_PATTERNS = 6  # rounds of steps along the valley of surface and effect
@@ -41,8 +41,8 @@ def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
         models.append(CandidateModel(base, clamped=True))
     start = np.array([c.shape.start if isinstance(c.shape, Shape) else 0.0
                       for c in models[0].coordinates]) if near is None else near.zeta  # fmt: skip
-    fits = [problem.refine(model, start) for model in models]
-    return polished(problem, min(fits, key=lambda fit: fit.chi2))
+    fits = [polished(problem, problem.refine(model, start)) for model in models]
+    return min(fits, key=lambda fit: fit.chi2)
 
 
 def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
