@@ -506,3 +506,15 @@ def test_sizes_that_would_have_been_detected_are_one_line_and_the_last(call, tmp
     assert [n for n, line in enumerate(lines) if "would have been detected" in line] == [
         len(lines) - 1
     ]
+
+
+def test_a_base_that_explains_all_is_printed_before_what_a_wrong_one_lacks(call, tmp_path):
+    recording = write_csv(tmp_path / "a.csv", *press())
+    wrong = ("--surface", "0.010", "--base", "kelvin-voigt-unilateral")
+    code, out, _ = call("diagnose", recording, *wrong)
+    _, base, note, *rest = out.splitlines()
+    assert code == 0
+    assert base.startswith("  kelvin-voigt-unilateral (base): ")
+    assert note.startswith("  note: the base kelvin-voigt without any effect predicts this force")
+    assert any("direction_dependent_damping" in line for line in rest)
+    assert not any("the base kelvin-voigt without" in line for line in rest)

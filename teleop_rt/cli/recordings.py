@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from teleop_rt.offline.table import Table
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-BASE_HELP = f"a model: {', '.join(MODEL_IDS)}; or comma-separated terms: {', '.join(TERM_IDS)}"
+BASE_HELP = (
+    f"a model: {', '.join(MODEL_IDS)}; or comma-separated terms: {', '.join(TERM_IDS)}. "
+    "Whether the contact can pull is found for each; kelvin-voigt-unilateral damps only while the "
+    "tool presses"
+)
 
 Recordings = Annotated[
     list[Path], typer.Argument(help="MCAP, CSV, MAT, NPZ; run folders; folders and globs of these")

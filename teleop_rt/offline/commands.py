@@ -116,6 +116,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())
     say(f"  {base['model']} (base): {values}")
+    doubts = [note for note in answer["notes"] if "--base " in note]
+    for note in doubts:  # before the names that a wrong base would give
+        say(f"  note: {note}")
     print_effects(console, answer)
     _print_errors(say, answer)
     print_draft(console, answer["draft"])
@@ -126,7 +129,8 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         samples, count = _counted(gaps["samples"], "sample"), _counted(gaps["count"], "gap")
         say(f"  {samples} missing in {count}")
     for note in answer["notes"]:
-        say(f"  note: {note}")
+        if note not in doubts:
+            say(f"  note: {note}")
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
         say(
             f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
