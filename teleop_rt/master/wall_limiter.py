@@ -134,7 +134,7 @@ class WallLimiter:
         deepest = depth_of(self._force_max, wall.k, wall.n) if wall.k > 0 else math.inf
         of_damping = wall.damping_power * damping / deepest * self._velocity_max
         own = stiffness - of_damping
-        spring = min(own, self._bound.stiffest)
+        spring = self._bound.softened(own)
         calming = self._calming(own, spring, 0.0)
         calm = self._calm(spring, calming, of_damping, damping)
         self._judge(stiffness, damping, spring + calm * of_damping, calm * damping + calming)

@@ -13,7 +13,7 @@ from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Profile
 from teleop_rt.master.outcome import outcome
-from teleop_rt.master.passivity import STIFFEST_SHARE
+from teleop_rt.master.passivity import CALM_SHARE, STIFFEST_SHARE
 from teleop_rt.signals import MASTER, columns
 
 COLUMN = columns(MASTER)
@@ -136,7 +136,7 @@ def test_a_wall_beyond_the_device_is_rendered_reduced_and_both_values_are_kept(
         # K (T/2 + delay) is 2 at K = 1000 for slow tones; motion within a period takes 1.5 % of it.
         (
             {"device_velocity": "difference", "device_delay_ms": 1.5},
-            984.85 * STIFFEST_SHARE,
+            984.85 * CALM_SHARE,
             None,
         ),
     ],

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from teleop_rt.master.passivity import STIFFEST_SHARE, PassivityBound, Port
+from teleop_rt.master.passivity import CALM_SHARE, STIFFEST_SHARE, PassivityBound, Port
 from teleop_rt.master.wall_limiter import WallLimiter, largest_slopes
 from teleop_rt.master.walls import Wall
 
@@ -134,9 +134,16 @@ def test_what_is_left_after_reduction_satisfies_the_bound(
 def test_damping_is_reduced_before_stiffness() -> None:
     bound = PassivityBound(DIFFERENCE)
     assert bound.reduce(3600.0, 20.0) == pytest.approx((3600.0, 3.2), rel=1e-3)
-    stiffness, damping = bound.reduce(20_000.0, 20.0)
+    stiffness, damping = bound.reduce(STIFFEST_SHARE * 10_000.0, 20.0)
     assert stiffness == pytest.approx(STIFFEST_SHARE * 10_000.0, rel=1e-6)
     assert damping == pytest.approx(0.0, abs=0.01)
+
+
+def test_beside_a_raw_difference_little_fits_and_a_tenth_of_the_bound_is_all_that_is_given() -> (
+    None
+):
+    bound = PassivityBound(DIFFERENCE)
+    assert bound.reduce(20_000.0, 20.0) == pytest.approx((CALM_SHARE * 10_000.0, 0.5), rel=1e-3)
 
 
 LATE = [(8.0, 0.00045), (12.0, 0.00045), (12.0, 0.001), (12.0, 0.0015)]
@@ -149,19 +156,22 @@ def late_port(damping: float, delay_s: float) -> Port:
 
 @pytest.mark.parametrize(("device", "delay_s"), LATE)
 @pytest.mark.parametrize("wall", [Wall(0.0, 20_000.0), Wall(0.0, 6e4, 9e3, 1.2, damping_power=1.2)])
-def test_a_wall_beyond_the_bound_gives_back_most_of_the_damping_that_its_latency_takes(
+def test_a_wall_beyond_the_bound_gives_back_the_damping_that_its_latency_takes(
     wall: Wall, device: float, delay_s: float
 ) -> None:
-    """Of the device's friction nothing was left at the bound, and a hand rang by itself."""
+    """Of the device's friction nothing was left at the bound, and a hand rang by itself.
+
+    At 0.999 of the bound no more than 0.7 of it fitted, and a hand that reacts late rang on.
+    """
     limiter = WallLimiter(late_port(device, delay_s), 100.0, 1.5)
     rendered = limiter.apply(wall)
     stiffness, damping = largest_slopes(rendered, 100.0, 1.5)
     bound = PassivityBound(late_port(device, delay_s))
-    assert stiffness >= 0.99 * bound.stiffness_max
+    assert stiffness >= CALM_SHARE * bound.stiffness_max
     assert bound.required_damping(stiffness, damping) <= device * (1 + 1e-6)
     shallow = rendered.force(1e-4, 1e-6) - rendered.force(1e-4, 0.0)
     taken = stiffness * (delay_s + 0.5 * T)
-    assert shallow / 1e-6 >= 0.5 * taken
+    assert shallow / 1e-6 >= 0.99 * taken
 
 
 @pytest.mark.parametrize(("device", "delay_s"), LATE)
@@ -255,7 +265,7 @@ def test_a_wall_too_stiff_at_depth_is_rendered_as_it_is_above(k: float, b: float
     force = np.array([wall.elastic_force(x) for x in depths])
     expected = np.array([true.elastic_force(x) for x in depths])
     slope = np.gradient(expected, depths)
-    shallow = slope < 0.99 * limiter.stiffness_max
+    shallow = slope < 0.99 * CALM_SHARE * limiter.stiffness_max
     assert np.allclose(force[shallow], expected[shallow], rtol=1e-9)
     assert np.diff(force).max() <= limiter.stiffness_max * depths[1] * (1 + 1e-9)
     energy = np.array([wall.energy(x) for x in depths])
