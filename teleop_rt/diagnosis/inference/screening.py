@@ -33,6 +33,8 @@ _SOLVED = 3  # places of a law's grid that are solved, of those that promise mos
 _SWUNG = 5  # periods of an oscillation; of more, the likeliest are screened
 _TONES = 3  # strongest lines of the residual that are screened
 _SPANNED = 1e-8  # of a row's energy; a smaller part outside the model is a rounding error
+_SURFACES = 5  # from the fit's to the onset of force; a quarter of the way is within the descent
+_MOVED_SURFACE = 0.01  # of the travel; a nearer surface is within the descent of a law
 _NEEDS_JUMP_RATE = (*JUMPS, "filters_force")
 """Actions of effects that are screened at the rate which resolves the jumps of a contact."""
 
@@ -44,13 +46,15 @@ Place = tuple[Vector, Vector | None]
 class Start:
     """The start of a fit with one more effect, and the screened fall of chi-square.
 
-    `model` is the fit's with the effect, `zeta` are all its nonlinear parameters.
+    `model` is the fit's with the effect, `zeta` are all its nonlinear parameters; `other` are those
+    of a second place from which the fit is tried.
     """
 
     effect: Effect
     zeta: Vector
     gain: float
     model: CandidateModel
+    other: Vector | None = None
 
 
 def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Start]:
@@ -66,7 +70,10 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     starts: list[Start] = []
     for effect in effects:
         if effect.acts == "adds_force":
-            starts += _screen_added(problem, fit, own, effect)
+            added = _screen_added(problem, fit, own, effect)
+            if effect.family == "stiffening" and fit.model.base.finds_surface:
+                added = [_at_surfaces(problem, fit, slopes, start) for start in added]
+            starts += added
         elif swings(effect):
             starts += [_screen_swing(problem, fit, own, e)
                        for e in _localised(problem, fit, effect)]  # fmt: skip
@@ -156,6 +163,27 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
         zeta = np.concatenate([fit.zeta, points[best]])
         found.append(Start(local, zeta, float(gains[best]), extended(fit.model, local)))
     return found
+
+
+def _at_surfaces(problem: Problem, fit: Fit, slopes: Matrix, start: Start) -> Start:
+    """Return the start with another place of a stiffening body's surface, nearer to the onset.
+
+    A line through the force of such a body ends inside it. The slopes at that surface may point to
+    a shape from which a descent ends where the law is zero.
+    """
+    shift = start.model.shift(start.zeta)
+    if abs(shift) < _MOVED_SURFACE * problem.motion.scales["travel"]:
+        return start
+    without = fit.chi2 - _gain_of_slopes(fit, slopes)
+    best, gain = None, 0.0
+    shapes = _grid(problem, start.effect)
+    for place, shape in product(np.linspace(shift, 0.0, _SURFACES)[1:], shapes):
+        zeta = start.model.shifted(np.concatenate([fit.zeta, shape]), float(place))
+        trial = problem.solve(start.model, zeta)
+        found = without - (trial.chi2 - _gain_of_slopes(trial, slopes))
+        if found > gain:
+            best, gain = zeta, found
+    return replace(start, gain=max(gain, start.gain), other=best)
 
 
 def _gains(

@@ -56,7 +56,9 @@ def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
         at_onset = [model.shifted(other, 0.0) for other in (zeta, *_reshaped(problem, start))]
         places = [zeta, *at_onset]
         zeta = min(places, key=lambda place: problem.solve(model, place).chi2)
-    return problem.refine(model, zeta, evaluations)
+    starts = [zeta] if start.other is None else [zeta, start.other]
+    fits = [problem.refine(model, place, evaluations) for place in starts]
+    return min(fits, key=lambda fit: fit.chi2)
 
 
 def _reshaped(problem: Problem, start: Start) -> list[Vector]:
