@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
 from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.load import load_any
+from teleop_rt.offline.on_line_error import cause_of_error
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
@@ -149,7 +151,9 @@ def _on_fresh_trial(
         "master": _at_hand(before, after),
         "handled": handled(chosen, library),
     }
-    return {"fresh": errors} | keep_or_withdraw(model, errors)
+    runs = (out / "before" / RECORDING, out / "after" / RECORDING)
+    why = partial(cause_of_error, *runs, trial.rig.units.force)
+    return {"fresh": errors} | keep_or_withdraw(model, errors, why)
 
 
 def _diagnose(

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 WITHDRAWN = "withdrawn.yaml"
+_ON_LINE = "force predicted on-line"
 _WORSE = 1.1
 """By what factor an error may differ between two runs of one model."""
 
 
-def keep_or_withdraw(model: Path, fresh: Mapping[str, Any]) -> dict[str, Any]:
+def keep_or_withdraw(
+    model: Path, fresh: Mapping[str, Any], why_on_line: Callable[[], str | None] | None = None
+) -> dict[str, Any]:
     """Return the answer's entries on an extended model with these errors on fresh data.
 
     If the model increases an error, its file is renamed, so that nobody uses it by its name.
+    `why_on_line` says where a larger error of the on-line prediction comes from.
     """
     worse = made_worse(fresh)
+    if why_on_line is not None and any(_ON_LINE in one for one in worse):
+        why = why_on_line()
+        worse = [f"{one} ({why})" if why and _ON_LINE in one else one for one in worse]
     if not worse:
         return {"extended_model": str(model), "withdrawn": None}
     kept = model.rename(model.with_name(WITHDRAWN))
@@ -38,7 +45,7 @@ def made_worse(fresh: Mapping[str, Any]) -> list[str]:
     found = []
     for words, error in (
         ("force predicted in free run", slave["free_run"]),
-        ("force predicted on-line", slave["on_line"]),
+        (_ON_LINE, slave["on_line"]),
         ("force felt at the hand", fresh["master"]),
     ):
         before, after = error["before"], error["after"]

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
+import numpy as np
 import pytest
 
+from teleop_rt.offline.on_line_error import cause_of_error
 from teleop_rt.offline.withdrawal import keep_or_withdraw, made_worse
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.section import Units
+from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 
 
 def fresh(free_run=(0.08, 0.01), on_line=(0.08, 0.01), felt=(0.07, 0.01), floor=0.002):
@@ -13,6 +20,20 @@ def fresh(free_run=(0.08, 0.01), on_line=(0.08, 0.01), felt=(0.07, 0.01), floor=
 
     slave = {"free_run": pair(free_run) | {"noise_floor": floor}, "on_line": pair(on_line)}
     return {"slave": slave, "master": pair(felt)}
+
+
+def write(path, t, measured, predicted):
+    """Write a run's recording with these forces."""
+    writer = RecordingWriter(path, Units(position="m", force="N"))
+    writer.add_topic(SLAVE_TOPIC, SLAVE)
+    rows = np.zeros((t.size, len(SLAVE)))
+    names = [signal.name for signal in SLAVE]
+    for name, values in (
+        ("stamp_ns", 1e9 * t), ("filtered_force", measured), ("predicted_force", predicted)
+    ):  # fmt: skip
+        rows[:, names.index(name)] = values
+    writer.write_rows(SLAVE_TOPIC, rows)
+    writer.close()
 
 
 @pytest.mark.parametrize(
@@ -45,3 +66,33 @@ def test_a_withdrawn_model_cannot_be_taken_by_its_name(tmp_path):
     assert gone["extended_model"] is None
     assert "felt" in gone["reason"]
     assert [path.name for path in tmp_path.iterdir()] == ["withdrawn.yaml"]
+
+
+def test_a_withdrawal_says_where_the_error_on_line_comes_from(tmp_path):
+    model = tmp_path / "model.yaml"
+    model.write_text("effects: []\n")
+    why = "the compensation adds noise"
+    gone = keep_or_withdraw(model, fresh(on_line=(0.03, 0.05), felt=(0.01, 0.02)), lambda: why)
+    on_line, felt = gone["withdrawn"]
+    assert on_line.endswith(f"is 0.0500 after ({why})")
+    assert on_line in gone["reason"]
+    assert why not in felt
+
+
+@pytest.mark.parametrize(
+    ("early", "late", "noise", "words"),
+    [
+        (2.0, 0.0, 0.0, "in which the parameters settle: 2 N in the first half"),
+        (0.0, 0.0, 0.5, "adds noise: .* 0.51 in the second .0.051., of which 0.5 is noise .0.05."),
+        (0.5, 0.5, 0.0, "stays when the parameters have settled, and is slow"),
+    ],
+)
+def test_the_error_on_line_is_settling_noise_or_slow(tmp_path, early, late, noise, words):
+    t, rng = np.arange(0.0, 10.0, 4e-3), np.random.default_rng(5)
+    force = 20.0 + 10.0 * np.sin(2 * np.pi * 0.7 * t)
+    slow = np.where(t < 5.0, early, late) * np.sin(2 * np.pi * 0.4 * t) * np.sqrt(2.0)
+    white = rng.standard_normal(t.size)
+    errors = {"before": 0.05 * white, "after": slow + np.hypot(0.05, noise) * white}
+    for name, error in errors.items():
+        write(tmp_path / name, t, force, force - error)
+    assert re.search(words, cause_of_error(tmp_path / "before", tmp_path / "after", "N"))
