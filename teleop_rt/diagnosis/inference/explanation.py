@@ -26,6 +26,7 @@ from teleop_rt.diagnosis.criteria import (
     WITHIN_REACH_BIC,
 )
 from teleop_rt.diagnosis.inference.pairs import same_physics
+from teleop_rt.diagnosis.inference.second import adds_tone
 from teleop_rt.diagnosis.inference.sets import Scored
 from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_names
 
@@ -185,13 +186,16 @@ def _named_part(
     (`NAMED_SHARE`), and it explains four fifths of what they leave above the noise: no other law
     explains that much of the error of a law's form.
     The effect that explains most comes first: a damping tried before a friction would absorb its
-    share. Of two equal effects, the one within its bounds comes first. Another law of the same
-    physics only corrects the first one and is not named. If an effect lies at a bound of its shape,
-    the set with its special case is returned, or the empty set if that lies at a bound as well.
+    share. Of two equal effects, the one within its bounds comes first. What a tone explains is no
+    part of the excess of which later effects take their shares (see `second.with_form`). Another
+    law of the same physics only corrects the first one and is not named. If an effect lies at a
+    bound of its shape, the set with its special case is returned, or the empty set if that lies at
+    a bound as well.
     """
     names, order, named = frozenset[str](), list[str](), 0
     energy = known[names].energy
     noise = energy - excess
+    tones = {effect.name for effect in one.fit.model.effects if adds_tone(effect)}
     while rest := [names | {n} for n in one.names - names if names | {n} in known]:
         longer = min(rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * known[n].bound))
         order, names = [*order, *(longer - names)], longer
@@ -199,6 +203,7 @@ def _named_part(
         completes = left > (1.0 - NAMED_SHARE) * excess and taken >= _NEARLY_AS_GOOD * left
         if completes or taken >= LEAST_SHARE * excess:
             named = len(order)
+            excess -= taken if order[-1] in tones else 0.0
         energy = known[names].energy
     best = _distinct(order[:named], one, known)
     if not known[best].bound:

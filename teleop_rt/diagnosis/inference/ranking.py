@@ -20,7 +20,7 @@ from teleop_rt.diagnosis.inference.pairs import (
     fit_without,
     search_pairs,
 )
-from teleop_rt.diagnosis.inference.second import both_needed, shows_tone_or_air_force
+from teleop_rt.diagnosis.inference.second import both_needed, shows_tone_or_air_force, with_form
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
 from teleop_rt.diagnosis.inference.verdict import (
     Ranked,
@@ -208,7 +208,7 @@ def needed_pairs(
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
     if not singles[0].tone_or_air_force and singles[0].air_mismatch <= 1.0 - NAMED_SHARE:
         leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
-        least = SECOND_SHARE * excess_of(left, singles[0])
+        least = SECOND_SHARE * with_form(excess_of(left, singles[0]), singles[0])
         if not leaves_structure(singles[0].left, floor) or leftover < least:
             return [], singles
     ranked = _likeliest_pairs(rank, singles, effects, floor)

@@ -60,7 +60,7 @@ def both_needed(
         return bool(gain > SECOND_SHARE * there)
     # Only encoder errors along the pair may stand in for it: those at each touch are no bias.
     by_encoder = ENCODER_ENERGY_RATIO * min(floor, pair.encoder_energy_along)
-    if gain > max(SECOND_SHARE * excess, by_encoder):
+    if gain > max(SECOND_SHARE * with_form(excess, best), by_encoder):
         # A single effect outside the pair that leaves less is the same claim with one name less.
         rival = min(singles.values(), key=lambda r: r.fit.bic)
         if all(_beats_unknown_function(pair, single, floor) for single in (best, rival)):
@@ -69,6 +69,16 @@ def both_needed(
         return False
     in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
     return in_air > max(_AIR_CHI2, _AIR_SHARE * gain, by_encoder)
+
+
+def with_form(excess: float, alone: Ranked) -> float:
+    """Return the part of the excess of which another form of a single effect may take a share.
+
+    That is all of it, but for a tone: a line has no other form, and its energy, which grows with
+    the recording, would hide every other effect.
+    """
+    tone = len(alone.fit.names) == 1 and adds_tone(alone.fit.model.effects[0])
+    return max(excess - alone.gain, 0.0) if tone else excess
 
 
 def _beats_unknown_function(pair: Ranked, single: Ranked, floor: float) -> bool:
@@ -146,7 +156,7 @@ def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
     tones = [
         float(value)
         for value, c in zip(pair.zeta, pair.model.coordinates, strict=True)
-        if c.owner >= 0 and c.shape.unit == "Hz" and _adds_tone(pair.model.effects[c.owner])
+        if c.owner >= 0 and c.shape.unit == "Hz" and adds_tone(pair.model.effects[c.owner])
     ]
     if len(tones) != 1:
         return None
@@ -154,7 +164,8 @@ def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
     return min(place, problem.whitener.bins - 1)
 
 
-def _adds_tone(effect: Effect) -> bool:
+def adds_tone(effect: Effect) -> bool:
+    """Return whether an effect is a force of one frequency in time."""
     return swings(effect) and effect.acts == "adds_force"
 
 

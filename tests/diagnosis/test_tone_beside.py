@@ -1,0 +1,25 @@
+"""A tone beside another effect: the line's energy says nothing about what else is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recordings.recording import from_arrays
+
+DT, TONE_N, NOISE_N = 2e-3, 1.0, 0.06
+
+
+def test_a_second_effect_is_named_beside_a_tone_of_much_more_energy() -> None:
+    t = np.arange(0.0, 8.0, DT)
+    x = sum(
+        size * np.sin(2 * np.pi * hz * t + phase)
+        for size, hz, phase in ((0.02, 0.41, 0.3), (0.006, 1.13, 1.1), (0.002, 3.1, 2.0))
+    )
+    v, a = np.gradient(x, DT), np.gradient(np.gradient(x, DT), DT)
+    force = 0.95 * a + 26.0 * v + 2.0 * np.maximum(v, 0.0)
+    force += TONE_N * np.sin(2 * np.pi * 57.8 * t)
+    force += NOISE_N * np.random.default_rng(8).standard_normal(t.size)
+    answer = diagnose(from_arrays("tone", t, x, force), "mass-damper").answer
+    assert {*answer["class"][0]} == {"periodic_disturbance", "direction_dependent_damping"}
+    assert answer["error"]["after_over_floor"] < 1.2
