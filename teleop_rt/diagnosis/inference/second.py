@@ -166,7 +166,8 @@ def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
 
 def adds_tone(effect: Effect) -> bool:
     """Return whether an effect is a force of one frequency in time."""
-    return swings(effect) and effect.acts == "adds_force"
+    in_time = any(shape.unit == "Hz" for shape in effect.shapes)
+    return in_time and swings(effect) and effect.acts == "adds_force"
 
 
 def _spectrum(whitened: Vector) -> Vector:
