@@ -244,20 +244,26 @@ def bus(_folder: Path) -> Target:
     return Target(one, seeds)
 
 
+def _configured(name: str, now_ns: Callable[[], int]) -> tuple[RigConfig, Any]:
+    """Return the simulated rig of a drive and its axis, configured on this clock."""
+    trial = load_trial(
+        CONFIG / "trials" / "silicone_cube.yaml",
+        registry.AXIS_SCHEMAS,
+        registry.PLANT_SCHEMAS,
+        [f"rig=../rigs/simulated_{name}.yaml"],
+    )
+    axis = registry.open_lock_step(trial.rig, plant_of(trial), now_ns, 1)[0]
+    axis.configure()
+    return trial.rig, axis
+
+
 def actuators(_folder: Path) -> Target:
     """Frames of any id and content, at every drive with a protocol of its maker, armed."""
     ends_of = []
     now = [10**9]
     for name in ("odrive", "damiao", "robstride", "moteus", "vesc"):
-        trial = load_trial(
-            CONFIG / "trials" / "silicone_cube.yaml",
-            registry.AXIS_SCHEMAS,
-            registry.PLANT_SCHEMAS,
-            [f"rig=../rigs/simulated_{name}.yaml"],
-        )
-        axis: Any = registry.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
-        axis.configure()
-        bounds = plausible_position(trial.rig)
+        rig, axis = _configured(name, lambda: now[0])
+        bounds = plausible_position(rig)
         ends_of.append((axis, axis._parts[0][1]._ports[0].wire._bus, bounds))
     sample = Sample()
 
@@ -297,16 +303,9 @@ def lines(_folder: Path) -> Target:
     ends_of = []
     now = [10**9]
     for name in ("dynamixel", "feetech"):
-        trial = load_trial(
-            CONFIG / "trials" / "silicone_cube.yaml",
-            registry.AXIS_SCHEMAS,
-            registry.PLANT_SCHEMAS,
-            [f"rig=../rigs/simulated_{name}.yaml"],
-        )
-        axis: Any = registry.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
-        axis.configure()
+        rig, axis = _configured(name, lambda: now[0])
         line = axis._parts[0][1]._ports[0].wire._stream
-        ends_of.append((axis, line, plausible_position(trial.rig)))
+        ends_of.append((axis, line, plausible_position(rig)))
     sample = Sample()
 
     def one(data: bytes) -> None:

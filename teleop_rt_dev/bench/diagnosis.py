@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,8 +15,7 @@ from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import motion_of
 from teleop_rt.diagnosis.samples.smoothing import half_window
 from teleop_rt_dev.bench.measure import Row, processor_seconds, row
-from teleop_rt_dev.diagnosis import peers
-from teleop_rt_dev.diagnosis.peers_venv import peers_python
+from teleop_rt_dev.diagnosis.peers_venv import answers_of_peers
 from teleop_rt_dev.diagnosis.plants import Record, make
 
 Array = NDArray[np.float64]
@@ -64,23 +59,13 @@ def records() -> list[Record]:
 
 def by_peers(cases: list[Record]) -> dict[str, list[dict[str, Any]]]:
     """Return what each peer answers, by record."""
-    python = peers_python()
-    if python is None:
-        return {}
     tables = [dictionary(record) for record in cases]
     arrays: dict[str, Any] = {"count": len(cases)}
     for i, (record, (theta, _)) in enumerate(zip(cases, tables, strict=True)):
         fold = np.where(np.arange(TOTAL) < SPLIT, -1, 0)
         arrays |= {f"theta{i}": theta, f"force{i}": record.force, f"fold{i}": fold}
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "records.npz"
-        np.savez(file, **arrays)
-        printed = subprocess.run(
-            [str(python), "-P", peers.__file__, str(file)],
-            check=True, capture_output=True, text=True,
-        ).stdout  # fmt: skip
     found: dict[str, list[dict[str, Any]]] = {}
-    for answer in map(json.loads, printed.splitlines()):
+    for answer in answers_of_peers(arrays):
         if "error" in answer:
             print(f"{answer['peer']}: {answer['error']}", file=sys.stderr)
             continue

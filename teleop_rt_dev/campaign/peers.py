@@ -16,9 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
-import tempfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,7 +28,6 @@ from teleop_rt.diagnosis.recordings.layout import Layout
 from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt_dev.campaign.measured import ASIDE, keyed
 from teleop_rt_dev.campaign.measured import row as by_us
-from teleop_rt_dev.diagnosis import peers
 from teleop_rt_dev.diagnosis.greedy_rival import (
     MOST_ROWS,
     Described,
@@ -39,7 +36,7 @@ from teleop_rt_dev.diagnosis.greedy_rival import (
     folds,
     sampled,
 )
-from teleop_rt_dev.diagnosis.peers_venv import peers_python
+from teleop_rt_dev.diagnosis.peers_venv import answers_of_peers
 
 LEAST_SHARE = 0.02  # of the force's deviation; a term that makes less is none
 STANDS_FOR = {
@@ -103,18 +100,8 @@ def by_regressions(entries: Sequence[Mapping[str, Any]], data: Path) -> list[dic
 
 def answered(arrays: Mapping[str, Any]) -> dict[tuple[str, int], list[dict[str, Any]]]:
     """Return what each peer answers, by peer and record, a fold after the other."""
-    python = peers_python()
-    if python is None:
-        return {}
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "records.npz"
-        np.savez(file, **arrays)
-        printed = subprocess.run(
-            [str(python), "-P", peers.__file__, str(file)],
-            check=True, capture_output=True, text=True,
-        ).stdout  # fmt: skip
     found: dict[tuple[str, int], list[dict[str, Any]]] = defaultdict(list)
-    for answer in map(json.loads, printed.splitlines()):
+    for answer in answers_of_peers(arrays):
         found[answer["peer"], answer["record"]].append(answer)
     return found
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.checks import (
+    disarmed_again,
     lets_go_of_the_force,
     restart_is_disarmed,
     stays_off,
@@ -43,14 +43,7 @@ def willing_too_late(world: FaultWorld) -> str:
 
 def restart_takes_its_power(world: FaultWorld) -> str:
     """A watchdog that holds the axis leaves the motor its voltage; a restarted daemon takes it."""
-    again = world.restarted()
-    again.configure()
-    for _ in range(300):
-        world.tick()
-        again.cycle()
-        if world.rig.drive.powered:
-            return "after a restart the drive has power"
-    return "" if again.safety.state is State.DISARMED else again.safety.state.name
+    return disarmed_again(world, "after a restart the drive has power")
 
 
 def common_rows(kind: str, own: dict[str, Any]) -> tuple[Row, ...]:

@@ -56,13 +56,18 @@ def restart_is_disarmed(world: FaultWorld) -> str:
     """A daemon that is started again finds and configures the devices, and moves nothing."""
     if world.until(lambda: not world.rig.drive.powered, 300) < 0:
         return "the motor keeps its voltage"
+    return disarmed_again(world, "a restart powered the drive")
+
+
+def disarmed_again(world: FaultWorld, complaint: str) -> str:
+    """Start another daemon, and return the complaint if the drive has power with it."""
     again = world.restarted()
     again.configure()
     for _ in range(300):
         world.tick()
         again.cycle()
         if world.rig.drive.powered:
-            return "a restart powered the drive"
+            return complaint
     return "" if again.safety.state is State.DISARMED else again.safety.state.name
 
 

@@ -1,5 +1,7 @@
 """An extended model on-line: terms are estimated, samples corrected, spoilt ones masked."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -10,17 +12,11 @@ from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
+from . import cube_rig
 from .streamed_wall import streamed
 
 PRESS = Press(duration=8.0)
-SETTINGS = PipelineSettings(
-    period_s=1e-3,
-    position_resolution=5e-6,
-    force_noise=0.05,
-    onset_force=0.4,
-    release_force=0.2,
-    force_lag_s=1e-3,
-)
+SETTINGS = dataclasses.replace(cube_rig.SETTINGS, onset_force=0.4, release_force=0.2)
 
 
 def document(*effects, base="kelvin-voigt"):

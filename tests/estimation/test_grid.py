@@ -4,20 +4,14 @@ import numpy as np
 import pytest
 
 from teleop_rt.estimation.grid import SampleGrid, with_gaps
-from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
+from .cube_rig import SETTINGS
+
 PERIOD_NS = 1_000_000
 START_NS = 10**15
-SETTINGS = PipelineSettings(
-    period_s=1e-3,
-    position_resolution=5e-6,
-    force_noise=0.05,
-    onset_force=0.5,
-    release_force=0.3,
-    force_lag_s=1e-3,
-)
 
 
 def gaps_of(places, latency_ns=lambda index: 0):

@@ -12,26 +12,19 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from teleop_rt.estimation.bank import Bank, SolverSettings
-from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import REGRESSIONS, SOLVERS, rows_for
 from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
+from . import cube_rig
 from .streamed_wall import streamed
 
 MODELS = (
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley",
 )  # fmt: skip
 ALL = rows_for(MODELS, REGRESSIONS, SOLVERS)
-SETTINGS = PipelineSettings(
-    period_s=1e-3,
-    position_resolution=5e-6,
-    force_noise=0.05,
-    onset_force=0.5,
-    release_force=0.3,
-    force_lag_s=1e-3,
-    forgetting_factor=0.995,
-)
+SETTINGS = dataclasses.replace(cube_rig.SETTINGS, forgetting_factor=0.995)
 
 
 @functools.cache

@@ -4,21 +4,14 @@ import numpy as np
 import pytest
 
 from teleop_rt.estimation.layout import WHOLE
-from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for, whole_for
 from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
+from .cube_rig import SETTINGS
 from .streamed_wall import streamed
 
-SETTINGS = PipelineSettings(
-    period_s=1e-3,
-    position_resolution=5e-6,
-    force_noise=0.05,
-    onset_force=0.5,
-    release_force=0.3,
-    force_lag_s=1e-3,
-)
 ROWS = rows_for(
     ["kelvin-voigt", "mass-spring-damper", "hunt-crossley"], ["direct", "algebraic"], ["rls"]
 )

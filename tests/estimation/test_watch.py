@@ -1,21 +1,18 @@
 """The watch on the residual: silent on what the model can do, awake to what it cannot."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
+from . import cube_rig
+
 PRESS = Press(duration=6.0)
-SETTINGS = PipelineSettings(
-    period_s=1e-3,
-    position_resolution=5e-6,
-    force_noise=0.05,
-    onset_force=0.4,
-    release_force=0.2,
-    force_lag_s=1e-3,
-)
+SETTINGS = dataclasses.replace(cube_rig.SETTINGS, onset_force=0.4, release_force=0.2)
 
 
 def alarms(law, seed=0, models=("kelvin-voigt",), press=PRESS, **sensors):
