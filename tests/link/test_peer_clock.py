@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from teleop_rt.link.channel import Role
 from teleop_rt.link.impairment import Impairment
+from teleop_rt.link.keys import shared_key
 from teleop_rt.link.peer_clock import FUTURE_NS, PeerClock
+from teleop_rt.link.transport import MemoryTransport
+from teleop_rt.trial.sides import make_endpoint
 from teleop_rt_dev.link.pair import MS, Pair
+from teleop_rt_dev.trial.files import silicone
 
 S = 1_000_000_000
 AHEAD = 3 * 10**15
@@ -129,3 +134,15 @@ def test_a_master_with_another_clock_is_followed_only_once_the_axis_is_armed_aga
     pair.master.sessions.current = None
     pair.run(3000)
     assert pair.slave.silence_ns(pair.now) < 5 * MS
+
+
+@pytest.mark.parametrize("role", ["slave", "master"])
+def test_each_side_takes_the_one_way_time_that_a_trial_declares(role: Role) -> None:
+    keys, (transport, _) = shared_key(bytes(32)), MemoryTransport.pair()
+    ages = []
+    for declared in ("20", "null"):
+        trial = silicone(f"link.one_way_max_ms={declared}")
+        clock = make_endpoint(role, trial, transport, keys, lambda: 10 * S).clock
+        exchanged(clock, 10 * S, 8 * S, 1 * MS)
+        ages.append(clock.age_ns(10 * S - 1 * MS + AHEAD, 10 * S))
+    assert ages == [pytest.approx(4 * S, abs=40 * MS), 0]
