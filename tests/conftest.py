@@ -23,7 +23,8 @@ settings.load_profile("same draws")
 
 LONGEST = (
     *("trial/test_close_loop", "study/test_delay", "trial/test_lockstep_trial"),
-    *("test_package", "view/test_live", "drivers/test_drivetrain", "diagnosis/test_foreign"),
+    *("test_package", "view/test_live_served", "drivers/test_drivetrain"),
+    *("view/test_live", "diagnosis/test_foreign"),
     *("diagnosis/test_diagnose", "view/test_in_browser", "master/test_closed_loop"),
     *("faults/test_every_row", "diagnosis/test_discrepancy", "study/test_chapter4"),
     *("diagnosis/test_filtered", "test_offline_commands", "drivers/test_operator_device"),
