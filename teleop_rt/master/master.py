@@ -307,7 +307,7 @@ class Master:
         if self._coupling is not None:
             self._coupling.reset()
         self.intake.forget()
-        self._rejoining = False
+        self._rejoining = self._deepens = False
 
     @property
     def _touches(self) -> bool:
@@ -325,17 +325,21 @@ class Master:
         """Move the target: kept while frozen, then rejoining the hand without a jump.
 
         The tool follows a hand that a new wall has put deeper at the same pace: of what lies there
-        nothing was measured, and no guard turns a tool in time that a step drives into it.
+        nothing was measured, and no guard turns a tool in time that a step drives into it. A hand
+        that withdraws takes the tool with it at once.
         """
         offset_before, self._offset_aimed = self._offset_aimed, self.registration.offset
         if self.engagement.state == LinkState.FROZEN:
             self._rejoining = True
             return
         gap = self.x - self.target
-        reach = self._rejoin_speed + abs(self._position_scale * self.velocity)
-        reach *= self._dt_s
+        own = self._position_scale * self.velocity * self._dt_s
         vanished = self._rejoin_speed * self._dt_s
         deeper = self.engagement.state == LinkState.ENGAGED and gap > 0.0
         deeper = deeper and offset_before - self._offset_aimed > vanished
-        self._rejoining = (self._rejoining or deeper) and abs(gap) > reach
-        self.target += math.copysign(reach, gap) if self._rejoining else gap
+        self._deepens = (self._deepens or deeper) and gap > max(vanished + own, 0.0)
+        self._rejoining = self._rejoining and abs(gap) > vanished + abs(own)
+        if self._rejoining:
+            self.target += math.copysign(vanished + abs(own), gap)
+        else:
+            self.target += vanished + own if self._deepens else gap

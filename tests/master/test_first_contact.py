@@ -293,6 +293,28 @@ def test_a_softer_first_model_leads_the_tool_deeper_at_the_pace_of_hand_and_offs
     assert master.target == pytest.approx(master.x), "it arrives"
 
 
+def test_a_hand_that_withdraws_takes_the_tool_with_it_on_its_way_deeper() -> None:
+    """Paced by the size of its speed, the tool went on deeper while the hand came back."""
+    leaves_s = 1.1
+    hand = Script((0, 0), (1, 0.016), (leaves_s, 0.016), (1.16, -0.01), (9, -0.01))
+    world = World(hand, model_after=800, k=3600.0, b=0.0)
+    world.run(1000)
+    master = world.master
+    placed, world.slave.k = master.registration.offset, 600.0
+    world.run(round(1000 * leaves_s) - 1000)
+    assert placed - master.registration.offset > 0.003
+    assert master.x - master.target > 0.003, "it is on its way"
+    targets = []
+    for _ in range(60):
+        targets.append(master.target)
+        world.step()
+    steps = np.diff(targets)[5:]  # a hand of this script is seen some ticks later
+    assert (steps < 0.0).all(), "never deeper while the hand comes back"
+    assert master.target < master.x
+    world.run(1000)
+    assert master.target == master.x, "it is with the hand in free air"
+
+
 def test_a_hand_that_is_put_less_deep_takes_the_tool_back_at_once() -> None:
     world = World(Script((0, 0), (1, 0.0257), (9, 0.0257)), k=400.0, b=3.0)
     world.run(2500)
