@@ -69,11 +69,11 @@ def lag(
         Path, typer.Argument(help="MCAP recording of a run that pressed on a spring")
     ],
     damping: Annotated[
-        float,
+        float | None,
         typer.Option(
-            min=0, help="damping of the spring, in the rig's units; a steel spring has almost none"
+            min=0, help="damping of the body, in the rig's units; a steel spring has almost none"
         ),
-    ] = 0.0,
+    ] = None,
     write: Write = False,
     as_json: Json = False,
 ) -> None:

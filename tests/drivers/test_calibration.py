@@ -144,6 +144,39 @@ def test_the_lag_of_the_load_cell_is_found_by_pressing_on_a_spring(tmp_path, cal
     assert found.force_lag_deviation_ms == pytest.approx(result["deviation_ms"], rel=1e-4)
 
 
+TAPS = ("operator.mean_m=0.0115", "operator.amplitude_m=0.004", "operator.frequency_hz=2.7")
+"""Touches of a tenth of a second."""
+
+
+def tapped(folder, damping):
+    """A recorded run that taps on a stiff body with this damping, on a rig whose lag is 1 ms."""
+    body = (f"plant.environment.damping_N_s_per_m={damping}",
+            "plant.environment.stiffness_N_per_m=9000")  # fmt: skip
+    overrides = ["duration_s=8", *TAPS, *body]
+    trial = load_trial(TRIAL, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides)
+    folder.mkdir()
+    write_trial(folder, trial)
+    run_lockstep(trial, TRIAL, open_bench, folder, lambda _: None)
+    return folder / "recording.mcap"
+
+
+def test_the_lag_is_found_by_taps_and_a_body_that_damps_is_no_spring(tmp_path, call):
+    file = tmp_path / "rig.yaml"
+    before = (RIGS / "simulated_canopen.yaml").read_text()
+    file.write_text(before.replace("force_lag_ms: 1.0", "force_lag_ms: 0.3"))
+    code, out, err = call("calibrate", "lag", file, tapped(tmp_path / "spring", 0.0), "--json")
+    assert code == 0, err
+    assert json.loads(out)["lag_ms"] == pytest.approx(1.0, abs=0.1)
+    rubber = tapped(tmp_path / "rubber", 20.0)
+    code, _, err = call("calibrate", "lag", file, rubber, "--write")
+    assert code != 0
+    assert "the force would lead the position by 1.2" in err
+    assert file.read_text() == before.replace("force_lag_ms: 1.0", "force_lag_ms: 0.3")
+    code, out, err = call("calibrate", "lag", file, rubber, "--json", "--damping", "20")
+    assert code == 0, err
+    assert json.loads(out)["lag_ms"] == pytest.approx(1.0, abs=0.1)
+
+
 def test_the_scale_is_found_without_hardware_by_simulated_weights(tmp_path, call):
     file = tmp_path / "rig.yaml"
     text = CELL.read_text()

@@ -19,6 +19,8 @@ LARGEST_DEVIATION_MS = 1.0
 """A lag that is known no better is none that was found."""
 LONGEST_MS = 50.0
 """Of a lag that a rig may have (`sensors.force_lag_ms`)."""
+LEAD_DEVIATIONS, LEAST_LEAD_MS = 3.0, 0.1
+"""A lead of the force by more than both together is none of chance, nor of a spring's damping."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +32,11 @@ class LagFit:
     stiffness: float
 
 
-def find_lag(recording: Path, damping: float) -> LagFit:
-    """Return the lag by a recording of ours; `damping` is the body's own [rig unit].
+def find_lag(recording: Path, damping: float | None = None) -> LagFit:
+    """Return the lag by a recording of ours; `damping` is the body's own [rig unit], None unknown.
+
+    A body of unknown damping is taken for a spring, which has none, and a force that leads the
+    position is then refused: the body's damping looks the same.
 
     Raises CalibrationError if the recording does not determine it, RecordingError for no recording.
     """
@@ -48,7 +53,7 @@ def find_lag(recording: Path, damping: float) -> LagFit:
             "with contact.onset_force above what the force does in free air"
         )
     spread = dict(zip(names, deviations.tolist(), strict=True))
-    k, excess = found["k"], found["b"] - damping
+    k, excess = found["k"], found["b"] - (damping or 0.0)
     lag_ms = 1e3 * (taken_out_s - excess / k)
     deviation_ms = 1e3 * math.hypot(spread["b"], excess / k * spread["k"]) / k
     if not deviation_ms <= LARGEST_DEVIATION_MS:
@@ -60,5 +65,11 @@ def find_lag(recording: Path, damping: float) -> LagFit:
         raise CalibrationError(
             f"{recording}: a lag of {lag_ms:.3g} ms is implausible for a sensor: "
             "press on a body without damping"
+        )
+    if damping is None and lag_ms < -LEAD_DEVIATIONS * deviation_ms - LEAST_LEAD_MS:
+        raise CalibrationError(
+            f"{recording}: the force would lead the position by {-lag_ms:.3g} ms, as it does on a "
+            "body that damps: press on a steel spring, or give the body's own damping (--damping 0 "
+            "if it has none and the position is late)"
         )
     return LagFit(lag_ms, deviation_ms, k)

@@ -77,14 +77,14 @@ def masses_of(text: str) -> list[float]:
 
 
 def calibrate_lag(
-    file: Path, recording: Path, damping: float, *, write: bool, as_json: bool
+    file: Path, recording: Path, damping: float | None, *, write: bool, as_json: bool
 ) -> None:
     """Find the lag of the force, or of the drive's torque, by a recording; print, and write."""
     rig = load_rig(file, AXIS_SCHEMAS)
     recording = recording / RECORDING if recording.is_dir() else recording
     if rig.axis.force_from_drive:
         ran = _recorded(recording)
-        found = find_torque_lag(recording, drivetrain_of(ran)[1], ran, damping)
+        found = find_torque_lag(recording, drivetrain_of(ran)[1], ran, damping or 0.0)
         by_motor = torque_lag_keys(rig, found)
         _finish(file, by_motor, asdict(found), write=write, as_json=as_json)
         return
