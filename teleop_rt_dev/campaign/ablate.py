@@ -85,6 +85,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "within a step": ("noise.encoder:within_a_step", second),
     "louder than noise": ("inference.rounds:_exceeds_noise", NEVER),
     "glance under white noise": ("inference.search:coarse_singles", always([])),
+    "pairs under white noise": ("inference.pairs:coarse_pairs", always([])),
     "otherwise clamped": ("inference.search:with_other_clamp", second),
     "past before the recording": ("inference.search:with_past", second),
     "steps among jumps": ("inference.search:polished", second),

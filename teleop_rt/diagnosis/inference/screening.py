@@ -29,7 +29,7 @@ from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
-_SOLVED = 3  # places of a law's grid that are solved, of those that promise most
+_SOLVED = 8  # places of a law's grid that are solved, of those that promise most; 3 lost a pair
 _SWUNG = 5  # periods of an oscillation; of more, the likeliest are screened
 _TONES = 3  # strongest lines of the residual that are screened
 _SPANNED = 1e-8  # of a row's energy; a smaller part outside the model is a rounding error

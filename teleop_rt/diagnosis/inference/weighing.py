@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC
+from teleop_rt.diagnosis.inference.pairs import coarse_pairs
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
     coarse_singles,
@@ -34,8 +36,8 @@ def weigh_singles(
     """Return the problem with its final noise, the base and the single effects weighed by it.
 
     `fast` is the problem with white noise at the level of the recording's fastest noise. If the
-    estimated noise is red, it may contain an effect that no candidate explained. Effects are then
-    searched with white noise as well, and the likeliest candidate determines the noise.
+    estimated noise is red, it may contain an effect that no candidate explained. Effects and pairs
+    are then searched with white noise as well, and the likeliest candidate determines the noise.
     """
     singles, white_fits = search_singles(problem, alone, library), list[Fit]()
     if _looks_red(problem, fast):
@@ -52,6 +54,11 @@ def weigh_singles(
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     problem, fast = (without_impacts(one, singles) for one in (problem, fast))
     problem, alone, singles = _with_settled_noise(problem, alone, singles, white_fits)
+    if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
+        fits = (alone, *singles[:_WHITE_FITS])
+        base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
+        pairs = coarse_pairs(fast, base, louder, library)[:_WHITE_FITS]
+        problem, alone, singles = _with_better_noise(problem, alone, singles, pairs)
     return problem, alone, singles
 
 
@@ -100,9 +107,9 @@ def _with_better_noise(
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Return problem, base and single effects with the noise of the likeliest candidate.
 
-    Each candidate's likelihood uses the noise from its own residual. The likeliest of the `others`
-    becomes a candidate with its present parameters: noise that contains its force would lead a new
-    search to other ones.
+    Each candidate's likelihood uses the noise from its own residual. Pairs among the `others` only
+    provide that noise. A single effect among them also becomes a candidate with its present
+    parameters: noise that contains its force would lead a new search to other ones.
     """
     found = [_with_own_parameters(problem, fit) for fit in others]
     tried = [base, *singles[:_NOISE_CANDIDATES], *found]
@@ -117,7 +124,7 @@ def _with_better_noise(
     problem = replace(problem, whitener=whiteners[best])
     base = polished(problem, problem.refine(base.model, base.zeta, 6))
     likely = singles[:_NOISE_CANDIDATES]
-    if best >= len(tried) - len(found):
+    if best >= len(tried) - len(found) and len(tried[best].names) == 1:
         likely.append(tried[best])
     again = [problem.refine(fit.model, fit.zeta, 6) for fit in likely]
     least = min(fit.chi2 for fit in again)
