@@ -74,8 +74,8 @@ class Supervisor:
     def __init__(self, log: Path, leader: str | None = None, loop_cpu: int | None = None) -> None:
         self._leader = leader
         self._loop_cpu = loop_cpu
+        self._selector = selectors.DefaultSelector()  # first: refused, it leaves no file open
         self._log = log.open("a", encoding="utf-8")
-        self._selector = selectors.DefaultSelector()
         self.children: list[Child] = []
 
     def start(self, name: str, main: Callable[[], None]) -> Child:

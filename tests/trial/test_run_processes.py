@@ -1,6 +1,8 @@
 """How a run of processes ends: what comes after its end does not interrupt it."""
 
+import errno
 import json
+import selectors
 import signal
 
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from teleop_rt.config_loader import load_trial
 from teleop_rt.interrupts import Interrupts
 from teleop_rt.trial import run_processes as module
-from teleop_rt.trial.processes import Child, ProcessFailedError
+from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
 from teleop_rt_dev.trial.files import SILICONE
 from teleop_rt_drivers import registry
 
@@ -71,3 +73,13 @@ def test_an_interrupt_while_the_compiler_is_loaded_waits_until_it_is_whole(monke
     with Interrupts(), pytest.raises(KeyboardInterrupt), module.prepared_to_fork():
         pytest.fail("an interrupted run starts no process")
     assert loaded == ["whole"]
+
+
+def test_processes_that_cannot_be_watched_leave_no_log_open(tmp_path, monkeypatch):
+    def refused() -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(selectors, "DefaultSelector", refused)
+    with pytest.raises(OSError, match="Too many open files"):
+        Supervisor(tmp_path / "log.jsonl")
+    assert not (tmp_path / "log.jsonl").exists()
