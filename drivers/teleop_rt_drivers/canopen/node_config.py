@@ -246,6 +246,10 @@ class ForceConfig(ForceReading, NodeConfig):
     """The force sensor, a device of its own."""
 
 
+_OF_DRIVE = (FROM_DRIVE, FROM_INPUT)
+"""Words in place of a section: the motor's torque, or an analog input of the drive."""
+
+
 class _SensorOrDrive:
     """Annotation of a force sensor's section, in place of which words for the drive may stand.
 
@@ -258,10 +262,10 @@ class _SensorOrDrive:
     ) -> CoreSchema:
         section = handler.generate_schema(ForceConfig)
         return core_schema.no_info_wrap_validator_function(
-            lambda value, validate: value if value in WORDS else validate(value),
+            lambda value, validate: value if value in _OF_DRIVE else validate(value),
             section,
             serialization=core_schema.wrap_serializer_function_ser_schema(
-                lambda value, dump: value if value in WORDS else dump(value), schema=section
+                lambda value, dump: value if value in _OF_DRIVE else dump(value), schema=section
             ),
         )
 
@@ -269,8 +273,7 @@ class _SensorOrDrive:
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        return {"anyOf": [handler(schema), {"enum": list(WORDS), "type": "string"}]}
+        return {"anyOf": [handler(schema), {"enum": list(_OF_DRIVE), "type": "string"}]}
 
 
-WORDS = (FROM_DRIVE, FROM_INPUT)
 ForceSource = Annotated[ForceConfig | FromDrive | FromInput, _SensorOrDrive]
