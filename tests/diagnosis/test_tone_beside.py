@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.second import adds_tone
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 
 DT, TONE_N, NOISE_N = 2e-3, 1.0, 0.06
@@ -23,3 +25,8 @@ def test_a_second_effect_is_named_beside_a_tone_of_much_more_energy() -> None:
     answer = diagnose(from_arrays("tone", t, x, force), "mass-damper").answer
     assert {*answer["class"][0]} == {"periodic_disturbance", "direction_dependent_damping"}
     assert answer["error"]["after_over_floor"] < 1.2
+
+
+def test_a_tone_is_a_line_in_time_and_a_ripple_along_the_stroke_is_none() -> None:
+    """A ripple has harmonics and other forms, so its energy counts for a second effect."""
+    assert {effect.name for effect in LIBRARY if adds_tone(effect)} == {"periodic_disturbance"}
