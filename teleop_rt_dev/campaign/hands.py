@@ -8,11 +8,11 @@ stiffening, layered, moving), a round trip (0 to 5 s), loss to 20 %, and one of 
 all by its number alone. Oscillations and energies are measured here, from the plant's truth:
 nothing is shared with what the product watches. A hand that reacts late is no passive hand, so an
 oscillation counts only where the same hand makes none against an ideal wall, which a fine
-integration renders: the true one, and a spring as soft as the one that was rendered, on which
-tremor moves a hand further. A second judge, `hands/stranger.py`, which shares no code with the
-project or with the first, finds what it calls shaking; what the same hand does on the continuous
-wall that was rendered then, and that never changes, is subtracted as its own
-(`hands/same_hand.py`). A trial in which either finds one does not hold.
+integration renders: the true one, a spring as soft as the one that was rendered, on which tremor
+moves a hand further, and the continuous wall that was rendered then, and that never changes
+(`hands/same_hand.py`). A second judge, `hands/stranger.py`, which shares no code with the project
+or with the first, finds what it calls shaking; what the same hand does on that last wall is its own
+there, too. A trial in which either finds an oscillation does not hold.
 Energy is that which a contact gives back beyond what the hand put into it; a surface that moves by
 itself may do its own work, |f| times its fastest speed, on top of the tank.
 Prints a table by kind of wall. Exits with 1 where a trial does not hold.
@@ -37,16 +37,18 @@ from teleop_rt.config_loader import dump
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.hands.drawn import KINDS, draw
 from teleop_rt_dev.hands.ideal import IdealWall, ideal_motion
-from teleop_rt_dev.hands.oscillation import longest_oscillation
-from teleop_rt_dev.hands.same_hand import Rendered, is_own, whole
-from teleop_rt_dev.hands.stranger import judge as strangers_rows
+from teleop_rt_dev.hands.oscillation import (
+    IDEAL_SHARE,
+    SUSTAINED,
+    Swings,
+    longest_oscillation,
+    rows_of,
+)
+from teleop_rt_dev.hands.same_hand import Rendered, is_own, strangers_rows, timed, whole
+from teleop_rt_dev.hands.stranger import judge as strangers_judge
 from teleop_rt_dev.paths import TRIALS
 
 TRIAL = TRIALS / "handle.yaml"
-SUSTAINED = 5
-"""Swings in a row that do not decay."""
-IDEAL_SHARE = 0.8
-"""A hand that makes swings of this size against an ideal wall makes those that were seen."""
 CAP_SLACK, CAP_LONGEST_MS = 1.02, 20
 NO_FORCE = 0.01
 """A motor that pushes less holds nothing back."""
@@ -76,7 +78,7 @@ def run(number: int, seconds: float) -> dict[str, Any]:
         one.bench.axis.stop()
         one.master.let_go()
     truth = np.array(rows)
-    found = judge(trial, truth, outcome)
+    found = judge(trial, truth, outcome, rendered)
     found |= {"slave_fault": slave, "tool_over_cap": tool_N / trial.slave.force_cap}
     found |= strangers(trial, truth, rendered)
     found["holds"] &= slave == "none" and found["tool_over_cap"] <= TOOL_SLACK
@@ -89,8 +91,8 @@ def strangers(trial: TrialConfig, truth: Rows, rendered: Rendered) -> dict[str, 
     plain, motion = dump(trial, trial.rig.units), (truth[:, _POSITION], truth[:, _MOTOR])
     found = [
         row
-        for row in whole(strangers_rows(plain, *motion))
-        if not is_own(row, trial, rendered, *motion)
+        for row in whole(strangers_judge(plain, *motion))
+        if not is_own(timed(row), strangers_rows, trial, rendered, *motion)
     ]
     worst = max(found, key=lambda row: row.swings, default=None)
     if worst is None:
@@ -98,21 +100,19 @@ def strangers(trial: TrialConfig, truth: Rows, rendered: Rendered) -> dict[str, 
     return {"strangers_swings": worst.swings, "strangers_row": asdict(worst)}
 
 
-def judge(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str, Any]:
+def judge(
+    trial: TrialConfig, truth: Rows, outcome: dict[str, Any], rendered: Rendered | None = None
+) -> dict[str, Any]:
     """Return what a trial showed, and whether it holds. `truth` are rows of HANDLE_TRUTH."""
-    position, motor, master = truth[:, _POSITION], truth[:, _MOTOR], trial.master
+    motor, master = truth[:, _MOTOR], trial.master
     period_s = 1.0 / master.rate_hz
-    swings, size = longest_oscillation(position, motor, period_s, truth[:, _GIVEN])
-    own = swings >= SUSTAINED and any(
-        ideal[0] >= SUSTAINED and ideal[1] >= IDEAL_SHARE * size
-        for ideal in (longest_oscillation(*motion, period_s) for motion in ideals(trial, outcome))
-    )
+    swings, size, own = first_judge(trial, truth, outcome, rendered)
     over = np.abs(motor) > CAP_SLACK * master.force_max
     words = "".join("x" if o else " " for o in over).split()
     work_mJ = 1e3 * float(np.abs(motor).sum()) * period_s * IdealWall(trial.plant).fastest
     tank_mJ = master.tank_capacity_mJ + master.tank_power_mW * trial.duration_s
     found = {
-        "swings": 0 if own else swings,
+        "swings": swings,
         "swings_mm": 1e3 * size,
         "given_mJ": 1e3 * given_back(trial, truth),
         "allowed_mJ": tank_mJ + work_mJ,
@@ -131,6 +131,24 @@ def judge(trial: TrialConfig, truth: Rows, outcome: dict[str, Any]) -> dict[str,
         and found["handle_fault"] in {"none", "handle_end_of_travel"}
     )
     return found
+
+
+def first_judge(
+    trial: TrialConfig, truth: Rows, outcome: dict[str, Any], rendered: Rendered | None
+) -> tuple[int, float, bool]:
+    """Return the longest row of swings beyond the hand's own share, and whether any was its own."""
+    motion, period_s = (truth[:, _POSITION], truth[:, _MOTOR]), 1.0 / trial.master.rate_hz
+    rows = whole(rows_of(*motion, period_s, truth[:, _GIVEN]))
+    long, own = [row for row in rows if row.swings >= SUSTAINED], list[Swings]()
+    if long:
+        made = [longest_oscillation(*ideal, period_s) for ideal in ideals(trial, outcome)]
+        sizes = [size for swings, size in made if swings >= SUSTAINED]
+        own = [row for row in long if any(size >= IDEAL_SHARE * row.size_m for size in sizes)]
+        left = [row for row in long if row not in own]
+        if rendered is not None:
+            own += [row for row in left if is_own(row, rows_of, trial, rendered, *motion)]
+    worst = max((row for row in rows if row not in own), key=lambda row: row.swings, default=None)
+    return (0, 0.0, bool(own)) if worst is None else (worst.swings, worst.size_m, bool(own))
 
 
 def ideals(trial: TrialConfig, outcome: dict[str, Any]) -> Iterator[tuple[Rows, Rows]]:

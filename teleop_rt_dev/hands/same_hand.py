@@ -6,13 +6,18 @@ the whole way that it took, past every wall, offset and brake that was rendered,
 the swings. From there on it has one wall, which never changes: that of this moment, or that of the
 end of the swings, where they begin with a first touch. No model, no offset, no news, no sampling
 and no latency has a part in it; the wall stays, or moves on as the body does by itself. What the
-hand does there is its own share and is subtracted: swings count only as far as they remain.
+hand does there is its own share. Swings are its own where it makes a row there at that time, as
+long and as fast and about as large, or where nothing sustained remains once its motion there is
+subtracted. The first finds a hand that bounces in its own rhythm, whose motions drift apart by a
+touch that was earlier; the second finds tremor, of which five swings in a row are chance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.master.engagement import LinkState
@@ -20,10 +25,12 @@ from teleop_rt.master.leash import Leash
 from teleop_rt.master.master import Master
 from teleop_rt.master.walls import NO_WALL, Wall
 from teleop_rt_dev.hands.ideal import STEPS, Array, IdealWall, ideal_motion
-from teleop_rt_dev.hands.stranger import Shaken, shaken
+from teleop_rt_dev.hands.oscillation import IDEAL_SHARE, SUSTAINED, Swings
+from teleop_rt_dev.hands.stranger import SAME_PITCH, Shaken, shaken
 
+Row = TypeVar("Row", Shaken, Swings)
 AROUND_S = 0.5
-"""Swings that remain count as those that were seen where they end within so long of them."""
+"""Swings count as those that were seen where they end within so long of them."""
 
 
 @dataclass(frozen=True)
@@ -101,26 +108,56 @@ class StaysAsItWas:
         return max(-self._most, min(self._most, wall.force(place, v)))
 
 
-def whole(rows: list[Shaken]) -> list[Shaken]:
+def whole(rows: list[Row]) -> list[Row]:
     """Return rows without those that only are the beginning of the next."""
     begins = {i for i, (row, after) in enumerate(pairwise(rows)) if after.swings > row.swings}
     return [row for i, row in enumerate(rows) if i not in begins]
 
 
-def is_own(
-    row: Shaken, trial: TrialConfig, rendered: Rendered, position: Array, motor: Array
-) -> bool:
-    """Return whether little remains of a row of swings without what the same hand does by itself.
+def strangers_rows(position: Array, motor: Array, period_s: float) -> list[Swings]:
+    """Return the rows that the second judge finds in a motion."""
+    return [timed(row) for row in shaken(position, motor, period_s)]
 
-    position and motor (n,) are the true ones of the device, at each period.
-    """
+
+def timed(row: Shaken) -> Swings:
+    """Return a row of the second judge with its begin: a swing lasts half a period."""
     begins_s = max(0.0, row.at_s - 0.5 * (row.swings + 1) / row.hz)
+    return Swings(row.swings, row.size_m, row.hz, begins_s, row.at_s)
+
+
+def is_own(
+    row: Swings,
+    judge: Callable[[Array, Array, float], list[Swings]],
+    trial: TrialConfig,
+    rendered: Rendered,
+    position: Array,
+    motor: Array,
+) -> bool:
+    """Return whether the same hand makes a row of swings by itself, or it is all that remains.
+
+    `judge` finds the rows of a motion; position and motor (n,) are the true ones of the device, at
+    each period.
+    """
+    period_s = 1.0 / trial.master.rate_hz
+    begins_s = max(0.0, row.begins_s)
     moves = IdealWall(trial.plant).fastest > 0.0
-    for stays_s in (begins_s, row.at_s):
+    for stays_s in (begins_s, row.ends_s):
         for with_body in (False, True)[: 1 + moves]:
             wall = StaysAsItWas(trial, rendered, begins_s, stays_s, with_body=with_body)
-            own, _ = ideal_motion(trial, wall)
-            left = shaken(position[: own.size] - own, motor[: own.size], 1.0 / trial.master.rate_hz)
-            if not any(abs(one.at_s - row.at_s) < AROUND_S for one in left):
+            own, force = ideal_motion(trial, wall)
+            left = judge(position[: own.size] - own, motor[: own.size], period_s)
+            if not any(_at_once(one, row) for one in left):
+                return True
+            if any(_at_once(one, row) and _covers(one, row) for one in judge(own, force, period_s)):
                 return True
     return False
+
+
+def _at_once(one: Swings, row: Swings) -> bool:
+    return one.swings >= SUSTAINED and abs(one.ends_s - row.ends_s) < AROUND_S
+
+
+def _covers(own: Swings, row: Swings) -> bool:
+    """Return whether a hand's own row is as long as another, about as large and as fast."""
+    pitch = 1 / SAME_PITCH < own.hz / row.hz < SAME_PITCH
+    return own.swings >= row.swings and own.size_m >= IDEAL_SHARE * row.size_m and pitch
