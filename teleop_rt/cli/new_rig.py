@@ -19,6 +19,27 @@ SENSOR = (
 )
 
 
+Handle = Annotated[
+    bool,
+    typer.Option("--handle", help="an operator's device made of one drive, without a force sensor"),
+]
+Position = Annotated[
+    str | None,
+    typer.Option(help="source of the position: drive, or encoder (canopen: a node of its own)"),
+]
+Channel = Annotated[str | None, typer.Option(help="the adapter's channel, such as can0 or ttyUSB0")]
+Eds = Annotated[Path | None, typer.Option(help="canopen: the drive's EDS, from its maker")]
+Scan = Annotated[
+    bool,
+    typer.Option(
+        "--scan", help="identify the devices on the bus and write what they report; moves nothing"
+    ),
+]
+Chosen = Annotated[
+    int | None, typer.Option("--id", help="with --scan: id of the drive, if several answer")
+]
+
+
 class UnansweredError(ExpectedError):
     """An option is missing and nobody can be asked; names it and its values."""
 
@@ -28,37 +49,15 @@ def new_rig(
     drive: Annotated[str | None, typer.Option(help=DRIVE)] = None,
     adapter: Annotated[str | None, typer.Option(help=ADAPTER)] = None,
     sensor: Annotated[str | None, typer.Option(help=SENSOR)] = None,
-    position: Annotated[
-        str | None,
-        typer.Option(help="source of the position: drive, or encoder (canopen: a node of its own)"),
-    ] = None,
-    handle: Annotated[
-        bool,
-        typer.Option(
-            "--handle", help="an operator's device made of one drive, without a force sensor"
-        ),
-    ] = False,
-    channel: Annotated[
-        str | None, typer.Option(help="the adapter's channel, such as can0 or ttyUSB0")
-    ] = None,
-    eds: Annotated[
-        Path | None, typer.Option(help="canopen: the drive's EDS, from its maker")
-    ] = None,
-    scan: Annotated[
-        bool,
-        typer.Option(
-            "--scan",
-            help="identify the devices on the bus and write what they report; moves nothing",
-        ),
-    ] = False,
-    chosen: Annotated[
-        int | None, typer.Option("--id", help="with --scan: id of the drive, if several answer")
-    ] = None,
+    position: Position = None,
+    handle: Handle = False,
+    channel: Channel = None,
+    eds: Eds = None,
+    scan: Scan = False,
+    chosen: Chosen = None,
 ) -> None:
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
     from teleop_rt_drivers import new_rig as made  # noqa: PLC0415 - loads all drivers
-    from teleop_rt_drivers import rig_text  # noqa: PLC0415
-    from teleop_rt_drivers.placeholders import with_placeholders  # noqa: PLC0415
 
     known = {"--drive": (drive, DRIVE), "--adapter": (adapter, ADAPTER)}
     known |= {} if handle else {"--sensor": (sensor, SENSOR)}
@@ -67,13 +66,9 @@ def new_rig(
         raise UnansweredError(f"{file}: not written: give {', '.join(missing)}")
     drive = drive or _ask("drive", DRIVE, "odrive")
     adapter = adapter or _ask("adapter", ADAPTER, "socketcan")
-    if handle:
-        text = rig_text.handle_text(drive, adapter, channel)
-    else:
+    if not handle:
         sensor = sensor or _ask("force sensor", SENSOR, "wrench")
-        text = rig_text.rig_text(drive, adapter, sensor, channel, position)
-    if adapter != "unix":
-        text = with_placeholders(text)
+    text = _text(drive, adapter, None if handle else sensor, channel, position)
     if eds is not None:
         text = made.with_eds(text, eds, print)
     if scan or (missing and typer.confirm("ask now who is there (nothing moves)?", default=True)):
@@ -83,12 +78,29 @@ def new_rig(
         text = made.with_found(text, drive, found, chosen)
     made.write_rig(file, text)
     print(file)
-    if adapter == "unix":
-        side = "operator.rig" if handle else "rig"
-        trial = "serial_handle" if handle else "silicone_cube"
-        print(f"next: teleop-rt run {trial} --set {side}={file.resolve()}")
-        return
-    print("next: put in your own values for its placeholders, then teleop-rt check and doctor")
+    print(f"next: {_next_step(file, adapter, handle=handle)}")
+
+
+def _text(
+    drive: str, adapter: str, sensor: str | None, channel: str | None, position: str | None
+) -> str:
+    """Return the text of a rig, or without a sensor of an operator's device."""
+    from teleop_rt_drivers import rig_text  # noqa: PLC0415 - loads all drivers
+    from teleop_rt_drivers.placeholders import with_placeholders  # noqa: PLC0415 - as above
+
+    if sensor is None:
+        text = rig_text.handle_text(drive, adapter, channel)
+    else:
+        text = rig_text.rig_text(drive, adapter, sensor, channel, position)
+    return text if adapter == "unix" else with_placeholders(text)
+
+
+def _next_step(file: Path, adapter: str, *, handle: bool) -> str:
+    """Return what to do with a new rig: a simulated one runs, another lacks its own values."""
+    if adapter != "unix":
+        return "put in your own values for its placeholders, then teleop-rt check and doctor"
+    side, trial = ("operator.rig", "serial_handle") if handle else ("rig", "silicone_cube")
+    return f"teleop-rt run {trial} --set {side}={file.resolve()}"
 
 
 def _ask(what: str, known: str, default: str) -> str:

@@ -43,6 +43,26 @@ Json = Annotated[bool, typer.Option("--json", help="print one line of JSON per r
 Jobs = Annotated[int, typer.Option(min=0, help="cores to use; 0 uses as many as shorten the work")]
 Scheduler = Annotated[str | None, typer.Option(help="a Dask scheduler, tcp://HOST:PORT")]
 
+Trace = Annotated[Path | None, typer.Option(help="NPZ file for parameters over time")]
+Kept = Annotated[
+    Path | None, typer.Option(help="folder that keeps the answers; the same command resumes there")
+]
+Every = Annotated[bool, typer.Option("--all", help="print all estimators; default: the five best")]
+Exported = Annotated[
+    Path,
+    typer.Argument(
+        help="file: .csv, .npz, .mat or .parquet; .mcap for --ros2; a folder for --lerobot"
+    ),
+]
+Ros2 = Annotated[
+    bool, typer.Option("--ros2", help="write joint states and wrenches of both sides for ROS 2")
+]
+LeRobot = Annotated[
+    bool,
+    typer.Option("--lerobot", help="write a LeRobot dataset of a run, or of all runs in a folder"),
+]
+Task = Annotated[str, typer.Option(help="description of the task, for LeRobot")]
+
 
 def _some_of(ids: Iterable[str]) -> str:
     return f"comma-separated, from {', '.join(ids)}; default: those of the run, or all"
@@ -57,17 +77,12 @@ def replay(
     columns: Columns = None,
     units: UnitsOption = None,
     rate: Rate = None,
-    trace: Annotated[Path | None, typer.Option(help="NPZ file for parameters over time")] = None,
+    trace: Trace = None,
     effects: EffectsFile = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="folder that keeps the answers; the same command resumes there"),
-    ] = None,
+    out: Kept = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
-    every: Annotated[
-        bool, typer.Option("--all", help="print all estimators; default: the five best")
-    ] = False,
+    every: Every = False,
     as_json: Json = False,
 ) -> None:
     """Run the estimators over recordings."""
@@ -162,26 +177,12 @@ def recover(
 
 def export(
     recording: Annotated[Path, typer.Argument(help="an MCAP recording, or a run folder")],
-    out: Annotated[
-        Path,
-        typer.Argument(
-            help="file: .csv, .npz, .mat or .parquet; .mcap for --ros2; a folder for --lerobot"
-        ),
-    ],
+    out: Exported,
     topic: Annotated[str, typer.Option(help="channel to export")] = "/slave",
-    ros2: Annotated[
-        bool, typer.Option("--ros2", help="write joint states and wrenches of both sides for ROS 2")
-    ] = False,
-    lerobot: Annotated[
-        bool,
-        typer.Option(
-            "--lerobot", help="write a LeRobot dataset of a run, or of all runs in a folder"
-        ),
-    ] = False,
+    ros2: Ros2 = False,
+    lerobot: LeRobot = False,
     fps: Annotated[int, typer.Option(min=1, max=4000, help="frames per second for LeRobot")] = 50,
-    task: Annotated[
-        str, typer.Option(help="description of the task, for LeRobot")
-    ] = "press on an object",
+    task: Task = "press on an object",
 ) -> None:
     """Export one channel of a recording as a table, or the recording for ROS 2 or LeRobot."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
