@@ -1,4 +1,11 @@
-"""Where a tool met a surface, by the force on its way in."""
+"""Where a tool met a surface, by the force on its way in.
+
+Two-phase regression (Hinkley 1969) of the approach: before the surface the force has one mean;
+behind it, it is at least that, for damping makes it jump, and rises in proportion to the depth. Of
+the places between two samples the one with the least squares is returned, with the variance of all
+by their likelihood. A threshold of force alone would find a soft body late, by the depth at which
+its force leaves the noise.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +38,39 @@ def rise_error(
 
 
 @kernel
+def samples_of_approach(forces: Vector, last: int, apart: int, quiet: float) -> int:
+    """Return how many samples the rise above `quiet` [force unit] and as much air before it have.
+
+    What the tool's mass did in the air earlier is no matter.
+    """
+    ring = forces.size
+    seen, rise = min(apart, ring), 0
+    while rise < seen and forces[(last - rise) % ring] > quiet:
+        rise += 1
+    return int(min(seen, 2 * rise + LEAST_AIR))
+
+
+@kernel
+def sums_of_air(
+    positions: Vector, forces: Vector, last: int, count: int
+) -> tuple[float, float, float, float]:
+    """Return the sums of force and its square, and number and force of samples not on a way out.
+
+    Of the `count` newest: the surface is thought behind all of them at first. A sample without one
+    before it is on no way.
+    """
+    ring = positions.size
+    total = squares = calm = calm_force = 0.0
+    for back in range(count):
+        here, before = (last - back) % ring, (last - back - 1) % ring
+        f = forces[here]
+        total, squares = total + f, squares + f * f
+        if back < count - 1 and positions[here] >= positions[before]:
+            calm, calm_force = calm + 1.0, calm_force + f
+    return total, squares, calm, calm_force
+
+
+@kernel
 def surface_at_onset(
     positions: Vector, forces: Vector, last: int, apart: int, noise: float, quiet: float
 ) -> tuple[float, float, float]:
@@ -40,34 +80,14 @@ def surface_at_onset(
     the tool stood or went in: on its way out of a body damping may take all force away. Where that
     is no force of free air, the tool had come to rest inside, and what was found is no surface.
 
-    Two-phase regression (Hinkley 1969) of the approach: before the surface the force has one mean;
-    behind it, it is at least that, for damping makes it jump, and rises in proportion to the depth.
-    Of the places between two samples the one with the least squares is returned, with the variance
-    of all by their likelihood. A threshold of force alone would find a soft body late, by the depth
-    at which its force leaves the noise.
-
     positions, forces (n,): a ring of aligned samples, the newest at `last`, of which the `apart`
-    newest came since the last release (two or more); `noise` the force's deviation. The rise above
-    `quiet` [force unit] counts, and as much before: what the tool's mass did in the air earlier is
-    no matter.
+    newest came since the last release (two or more); `noise` the force's deviation; `quiet` that
+    of `samples_of_approach`.
     """
-    ring = positions.size
-    seen, rise = min(apart, ring), 0
-    while rise < seen and forces[(last - rise) % ring] > quiet:
-        rise += 1
-    count = min(seen, 2 * rise + LEAST_AIR)
-    in_air = in_air_squared = calm = calm_force = 0.0
-    for back in range(count - 1):
-        here, before = (last - back) % ring, (last - back - 1) % ring
-        f = forces[here]
-        in_air, in_air_squared = in_air + f, in_air_squared + f * f
-        if positions[here] >= positions[before]:
-            calm, calm_force = calm + 1.0, calm_force + f
-    f = forces[(last - count + 1) % ring]
-    in_air, in_air_squared = in_air + f, in_air_squared + f * f
+    ring, count = positions.size, samples_of_approach(forces, last, apart, quiet)
+    in_air, in_air_squared, calm, calm_force = sums_of_air(positions, forces, last, count)
     end = found = positions[last]
-    most = np.inf
-    least, gap = np.inf, 0.0
+    least, most, gap = np.inf, np.inf, 0.0
     weights = first = second = 0.0
     n = sx = sf = sxx = sxf = sff = 0.0
     for back in range(count - 1):
@@ -88,10 +108,7 @@ def surface_at_onset(
             least, found, gap = error, place, positions[here] - positions[before]
             most = calm_force / calm + 3.0 * noise / math.sqrt(calm) if calm > 0.0 else np.inf
         weight, offset = math.exp(least - error), place - end
-        weights, first, second = (
-            weights + weight,
-            first + weight * offset,
-            second + weight * offset * offset,
-        )
+        weights, first = weights + weight, first + weight * offset
+        second += weight * offset * offset
     first /= weights
     return found, max(second / weights - first * first, 0.0) + gap * gap / 12.0, most

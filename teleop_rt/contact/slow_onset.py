@@ -152,18 +152,56 @@ def fit_error(
 
 
 @kernel
-def surface_behind_averages(
-    positions: Vector,
-    forces: Vector,
-    last: int,
-    apart: int,
-    since: int,
-    noise: float,
-    quiet: float,
-    weights: Vector,
-    span: int,
-    room: Vector,
+def samples_of_rise(forces: Vector, last: int, since: int, apart: int, quiet: float) -> int:
+    """Return how many samples ago the force was still quiet, or as far as is looked."""
+    rise = since
+    while rise < min(apart, MOST_NEAR) and forces[(last - rise) % forces.size] > quiet:
+        rise += 1
+    return rise
+
+
+@kernel
+def sum_air(forces: Vector, last: int, near: int, apart: int, air: Vector) -> None:
+    """Write number, sum and sum of squares of the forces before the `near` newest into air (3,)."""
+    air[:] = 0.0
+    for back in range(near, min(near + LEAST_AIR, apart)):
+        f = forces[(last - back) % forces.size]
+        air[0], air[1], air[2] = air[0] + 1.0, air[1] + f, air[2] + f * f
+
+
+@kernel
+def range_about(
+    positions: Vector, last: int, rise: int, near: int, span: int
 ) -> tuple[float, float]:
+    """Return the shallowest and the deepest position at which the surface may be."""
+    low = high = sample_at(positions, last, rise)
+    for back in range(max(rise - 1 - span, 0), near):
+        x = sample_at(positions, last, back)
+        low, high = min(low, x), max(high, x)
+    return low, high
+
+
+@kernel
+def weigh_places(errors: Vector, best: int, step: float, scale: float) -> tuple[float, float]:
+    """Return how far from the best place the mean by likelihood is, and the variance about it.
+
+    errors (PLACES,): the squares left by places that are `step` apart; `scale` the variance that
+    the force has about the body.
+    """
+    total = first = second = 0.0
+    for j in range(PLACES):
+        weight = math.exp(-0.5 * (errors[j] - errors[best]) / scale)
+        away = (j - best) * step
+        total, first, second = total + weight, first + weight * away, second + weight * away**2
+    first /= total
+    return first, second / total - first * first
+
+
+@kernel
+def surface_behind_averages(
+    positions: Vector, forces: Vector, last: int, apart: int, since: int, noise: float,
+    quiet: float, weights: Vector, span: int, room: Vector,
+) -> tuple[float, float]:  # fmt: skip
     """Return where the tool met the surface, and the variance of that, in the rig's units.
 
     positions, forces (n,): a ring of averaged samples, the newest at `last`; contact was seen
@@ -172,42 +210,24 @@ def surface_behind_averages(
     (span POINTS + 1,) those of a converter that settles in `span` samples;
     room (N_ROOM,) is what it works in.
     """
-    rise, ring = since, positions.size
-    while rise < min(apart, MOST_NEAR) and forces[(last - rise) % ring] > quiet:
-        rise += 1
-    half = (span + 1) // 2
-    near = min(rise + span + 1, MOST_NEAR)
+    rise = samples_of_rise(forces, last, since, apart, quiet)
+    half, near = (span + 1) // 2, min(rise + span + 1, MOST_NEAR)
     path = room[AT_PATH : AT_PATH + (near - 1 + half) * POINTS + 1]
     fill_path(path, positions, last, near - 1 + half, span)
-    air = room[AT_AIR:AT_SUMS]
-    air[:] = 0.0
-    for back in range(near, min(near + LEAST_AIR, apart)):
-        f = forces[(last - back) % ring]
-        air[0], air[1], air[2] = air[0] + 1.0, air[1] + f, air[2] + f * f
-    low = high = sample_at(positions, last, rise)
-    for back in range(max(rise - 1 - span, 0), near):
-        x = sample_at(positions, last, back)
-        low, high = min(low, x), max(high, x)
-    sums, errors = room[AT_SUMS:AT_ERRORS], room[AT_ERRORS:AT_PATH]
+    air, sums, errors = room[AT_AIR:AT_SUMS], room[AT_SUMS:AT_ERRORS], room[AT_ERRORS:AT_PATH]
+    sum_air(forces, last, near, apart, air)
+    low, high = range_about(positions, last, rise, near, span)
     found, variance = 0.5 * (low + high), (high - low) ** 2 / 12.0
     for _ in range(2):
-        step = (high - low) / (PLACES - 1)
-        best = 0
+        step, best = (high - low) / (PLACES - 1), 0
         for j in range(PLACES):
             errors[j] = fit_error(
                 path, weights, forces, last, near, half, air, low + j * step, sums
             )
             best = j if errors[j] < errors[best] else best
-        free = max(sums[0] - SPARE, 1.0)
-        scale = max(noise * noise, errors[best] / free)
-        total = first = second = 0.0
-        for j in range(PLACES):
-            weight = math.exp(-0.5 * (errors[j] - errors[best]) / scale)
-            away = (j - best) * step
-            total, first, second = total + weight, first + weight * away, second + weight * away**2
-        first /= total
-        found = low + best * step + first
-        variance = second / total - first * first + step * step / 12.0
+        scale = max(noise * noise, errors[best] / max(sums[0] - SPARE, 1.0))
+        mean, spread = weigh_places(errors, best, step, scale)
+        found, variance = low + best * step + mean, spread + step * step / 12.0
         if variance > step * step:
             break
         low, high = low + (best - 1.0) * step, low + (best + 1.0) * step

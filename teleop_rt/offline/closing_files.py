@@ -25,6 +25,12 @@ from teleop_rt.offline.table import Table
 from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
 
+KEPT = (
+    *("base", "verdict", "effects", "class", "family"),
+    *("nearest", "dependence", "draft", "experiment"),
+)
+"""Keys of a diagnosis' answer that the answer of a closed loop has, too."""
+
 
 @dataclass(frozen=True)
 class Files:
@@ -58,15 +64,9 @@ def close_over(
     draft = write_draft(found, measured, out / "diagnosis", unseen, None, effects)
     write_diagnosis(found, measured, recording, out / "diagnosis")
     result = found.answer
-    answer = {
-        "recording": str(recording),
-        "test": str(test),
-        **{key: result[key] for key in ("base", "verdict", "effects", "class", "family")},
-        **{key: result[key] for key in ("nearest", "dependence", "draft", "experiment")},
-        "extended_model": None,
-        "withdrawn": None,
-        "fresh": None,
-    }
+    answer: dict[str, Any] = {"recording": str(recording), "test": str(test)}
+    answer |= {key: result[key] for key in KEPT}
+    answer |= {"extended_model": None, "withdrawn": None, "fresh": None}
     if result["effects"]:
         predicted = named_on(found, unseen)
     elif draft is not None:
@@ -87,15 +87,16 @@ def close_over(
             "free_run": predicted.errors,
             "on_line": _on_line(test, base, document, table, effects),
         },
-        "master": {
-            "metric": "nrmse",
-            "before": None,
-            "after": None,
-            "reason": "the recordings were made before: no hand has felt the extended model",
-        },
+        "master": _without_errors(
+            "the recordings were made before: no hand has felt the extended model"
+        ),
         "handled": handled(result, known),
     }
     return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh), predicted.residuals
+
+
+def _without_errors(reason: str) -> dict[str, Any]:
+    return {"metric": "nrmse", "before": None, "after": None, "reason": reason}
 
 
 def _on_line(
@@ -103,8 +104,7 @@ def _on_line(
 ) -> dict[str, Any]:
     """Return the open-loop errors of the estimators over the test file, without and with."""
     if base not in MODELS:
-        return {"metric": "nrmse", "before": None, "after": None,
-                "reason": f"the base {base} does not run on-line"}  # fmt: skip
+        return _without_errors(f"the base {base} does not run on-line")
     rows = rows_for([base], ["direct"], ["rls"])
     extension = extension_from("extended model", document, str(effects) if effects else None)
     try:
@@ -113,8 +113,7 @@ def _on_line(
         alone = Pipeline(rows, online.settings)
         extended_too = Pipeline(extension.rows(rows), extension.settings(online.settings))
     except (ValueError, RecordingError) as error:  # too slow for their filters, or no contact
-        return {"metric": "nrmse", "before": None, "after": None,
-                "reason": f"the estimators do not run on it: {error}"}  # fmt: skip
+        return _without_errors(f"the estimators do not run on it: {error}")
     errors = []
     for pipeline in (alone, extended_too):
         pipeline.run(online.position, online.force, online.valid)

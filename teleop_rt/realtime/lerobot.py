@@ -115,31 +115,8 @@ def _write_meta(
     meta: Path, episodes: Sequence[Episode], task: str, fps: int, units: tuple[str, str]
 ) -> None:
     """Write what there is of episodes, tasks, features and statistics."""
-    x, f = units
-    names = [f"position_{x}", f"velocity_{x}_per_s", f"force_{f}"]
-    features: dict[str, Any] = {
-        "observation.state": {"dtype": "float32", "shape": [len(STATE)], "names": names},
-        "action": {"dtype": "float32", "shape": [1], "names": [f"{ACTION}_{x}"]},
-    }
-    features |= {
-        name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in SCALARS.items()
-    }
     lengths = [len(episode.state) for episode in episodes]
-    info = {
-        "codebase_version": VERSION,
-        "robot_type": "teleop-rt",
-        "total_episodes": len(episodes),
-        "total_frames": sum(lengths),
-        "total_tasks": 1,
-        "total_videos": 0,
-        "total_chunks": -(-len(episodes) // CHUNK),
-        "chunks_size": CHUNK,
-        "fps": fps,
-        "splits": {"train": f"0:{len(episodes)}"},
-        "data_path": DATA_PATH,
-        "video_path": None,
-        "features": features,
-    }
+    info = _info(lengths, fps, units)
     (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
     starts = np.cumsum([0, *lengths])
     _write_lines(meta / "tasks.jsonl", [{"task_index": 0, "task": task}])
@@ -160,6 +137,34 @@ def _write_meta(
             for number, (episode, start) in enumerate(zip(episodes, starts, strict=False))
         ],
     )
+
+
+def _info(lengths: Sequence[int], fps: int, units: tuple[str, str]) -> dict[str, Any]:
+    """Return the description of a dataset whose episodes have so many frames each."""
+    x, f = units
+    names = [f"position_{x}", f"velocity_{x}_per_s", f"force_{f}"]
+    features: dict[str, Any] = {
+        "observation.state": {"dtype": "float32", "shape": [len(STATE)], "names": names},
+        "action": {"dtype": "float32", "shape": [1], "names": [f"{ACTION}_{x}"]},
+    }
+    features |= {
+        name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in SCALARS.items()
+    }
+    return {
+        "codebase_version": VERSION,
+        "robot_type": "teleop-rt",
+        "total_episodes": len(lengths),
+        "total_frames": sum(lengths),
+        "total_tasks": 1,
+        "total_videos": 0,
+        "total_chunks": -(-len(lengths) // CHUNK),
+        "chunks_size": CHUNK,
+        "fps": fps,
+        "splits": {"train": f"0:{len(lengths)}"},
+        "data_path": DATA_PATH,
+        "video_path": None,
+        "features": features,
+    }
 
 
 def _statistics(columns: dict[str, NDArray[np.generic]]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from teleop_rt.trial.estimators import Replayed, replay_estimators
 from teleop_rt.trial.felt_force import (
     SIGNALS,
     EnvironmentForce,
+    Felt,
     converged,
     felt_force,
     read_truth,
@@ -73,22 +74,14 @@ def summarise(
     master = rows_to_compare(slave, topics.get("/master", {}))
     truth = read_truth(folder)
     replayed = replay_estimators(trial, slave)
-    ticks = slave.get("tick", np.empty(0))
-    adequacy, duration_s = _adequacy(slave), _duration_s(slave)
+    adequacy, timing = _adequacy(slave), _timing(slave, outcome)
     summary = {
         "trial": trial.name,
         "began_at": began_at(folder),
         "software": software(),
         "clock": outcome["clock"],
         "seed": trial.seed,
-        "start_up_s": _start_up_s(slave, outcome.get("began_ns")),
-        "duration_s": duration_s,
-        "interrupted": bool(outcome.get("interrupted")),
-        "ticks": int(ticks.size),
-        "missed_ticks": outcome["missed_ticks"],
-        "late": outcome.get("late"),
-        "wake_latency_us": _quantiles(slave.get("wake_latency_us")),
-        "work_us": _quantiles(slave.get("work_us")),
+        **timing,
         "contact": _contact(trial, slave, truth, replayed),
         "estimators": replayed.estimators,
         "selected": replayed.selected,
@@ -100,9 +93,23 @@ def summarise(
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
-        "notes": all_notes(trial, slave, outcome, replayed, adequacy, duration_s),
+        "notes": all_notes(trial, slave, outcome, replayed, adequacy, timing["duration_s"]),
     }
     return summary | {"grades": grades(summary)}
+
+
+def _timing(slave: Mapping[str, Array], outcome: Mapping[str, Any]) -> dict[str, Any]:
+    """Return start and duration of the slave's loop, its ticks, and how late they were."""
+    return {
+        "start_up_s": _start_up_s(slave, outcome.get("began_ns")),
+        "duration_s": _duration_s(slave),
+        "interrupted": bool(outcome.get("interrupted")),
+        "ticks": int(slave.get("tick", np.empty(0)).size),
+        "missed_ticks": outcome["missed_ticks"],
+        "late": outcome.get("late"),
+        "wake_latency_us": _quantiles(slave.get("wake_latency_us")),
+        "work_us": _quantiles(slave.get("work_us")),
+    }
 
 
 def _adequacy(slave: Mapping[str, Array]) -> dict[str, Any]:
@@ -197,11 +204,21 @@ def judge_felt_force(
     if np.count_nonzero(felt.converged) < 2:
         result["reason"] = "the run ended before contact had converged"
         return result
+    return result | _error_and_lags(trial, felt)
+
+
+def _error_and_lags(trial: TrialConfig, felt: Felt) -> dict[str, Any]:
+    """Return the error of the felt force, and its lag and that of direct reflection [ms].
+
+    With a reason where a lag cannot be found.
+    """
     period_s = 1.0 / trial.master.rate_hz
     in_contact = felt.converged & ((felt.true > 0.0) | (felt.rendered > 0.0))
-    result["nrmse"] = nrmse(
-        np.where(in_contact, felt.true, np.nan), np.where(in_contact, felt.rendered, np.nan)
-    )
+    result: dict[str, Any] = {
+        "nrmse": nrmse(
+            np.where(in_contact, felt.true, np.nan), np.where(in_contact, felt.rendered, np.nan)
+        )
+    }
     reflected_s = trial.link.round_trip_ms * 1e-3 + _LAG_MARGIN_S
     unknown = []
     for key, signal, most_s in (

@@ -66,7 +66,6 @@ def felt_chart(run: Run) -> Chart | None:
     shown = felt.converged & (t >= start) & (t <= end) & np.isfinite(felt.true)
     if not shown.any():
         return None
-    true = Curve(label=TRUE_FORCE, x=t, y=felt.true, colour=LIGHT.measured, width=4.0, faint=True)
     signals: tuple[tuple[str, Array, str, float, Style], ...] = (
         (FELT, felt.rendered, LIGHT.rendered, 1.6, "solid"),
         (REFLECTED, felt.reflected, LIGHT.predicted, 1.4, "dashed"),
@@ -79,20 +78,16 @@ def felt_chart(run: Run) -> Chart | None:
         Curve(label=label, x=felt.true[shown], y=y[shown], colour=colour, width=width, style=style)
         for label, y, colour, width, style in signals
     )
-    most = float(np.max(felt.true[shown]))
-    diagonal = np.array([0.0, most])
-    ideal = Curve(
-        label=TRUE_FORCE, x=diagonal, y=diagonal, colour=LIGHT.measured, width=4.0, faint=True
-    )
+    diagonal = np.array([0.0, float(np.max(felt.true[shown]))])
     return Chart(
         name="felt",
         label="felt force over the true force, with the delayed reflection beside it",
         xlabel=TIME,
         panels=(
-            Panel(ylabel=f"force [{unit}]", curves=(true, *over_time)),
+            Panel(ylabel=f"force [{unit}]", curves=(_true(t, felt.true), *over_time)),
             Panel(
                 ylabel=f"force under the hand [{unit}]",
-                curves=(ideal, *over_true),
+                curves=(_true(diagonal, diagonal), *over_true),
                 equal=True,
                 xlabel=f"true force [{unit}]",
             ),
@@ -102,24 +97,13 @@ def felt_chart(run: Run) -> Chart | None:
     )
 
 
+def _true(x: Array, y: Array) -> Curve:
+    return Curve(label=TRUE_FORCE, x=x, y=y, colour=LIGHT.measured, width=4.0, faint=True)
+
+
 def force_chart(run: Run) -> Chart:
     """Return force measured and predicted behind the same filter, and what is left between them."""
     slave, t = run.slave, seconds(run, run.slave)
-    forces = [
-        Curve(label=RAW, x=t, y=slave["force"], colour=LIGHT.measured, faint=True),
-        Curve(label=FILTERED, x=t, y=slave["filtered_force"], colour=LIGHT.measured, width=2.0),
-        Curve(
-            label=PREDICTED,
-            x=t,
-            y=slave["predicted_force"],
-            colour=LIGHT.predicted,
-            width=1.4,
-            style="dashed",
-        ),
-    ]
-    if run.master:
-        tm, rendered = seconds(run, run.master), run.master["rendered_force"]
-        forces.append(Curve(label=RENDERED, x=tm, y=rendered, colour=LIGHT.rendered, width=1.2))
     limits, spikes = robust_limits(t, run.residual)
     left = Curve(label=RESIDUAL, x=t, y=run.residual, colour=LIGHT.residual)
     stopped = np.flatnonzero(slave["fault"] > 0)
@@ -130,7 +114,7 @@ def force_chart(run: Run) -> Chart:
         label="force over time",
         xlabel=TIME,
         panels=(
-            Panel(ylabel=f"force [{unit}]", curves=tuple(forces), height=3.0, lines=fault),
+            Panel(ylabel=f"force [{unit}]", curves=_forces(run, t), height=3.0, lines=fault),
             Panel(
                 ylabel=f"residual [{unit}]",
                 curves=(left,),
@@ -146,6 +130,27 @@ def force_chart(run: Run) -> Chart:
         linked=NEAR,
         notes=_spike_note(spikes, unit),
     )
+
+
+def _forces(run: Run, t: Array) -> tuple[Curve, ...]:
+    """Return the slave's forces over its times t (n,), and the one that the master rendered."""
+    slave = run.slave
+    forces = [
+        Curve(label=RAW, x=t, y=slave["force"], colour=LIGHT.measured, faint=True),
+        Curve(label=FILTERED, x=t, y=slave["filtered_force"], colour=LIGHT.measured, width=2.0),
+        Curve(
+            label=PREDICTED,
+            x=t,
+            y=slave["predicted_force"],
+            colour=LIGHT.predicted,
+            width=1.4,
+            style="dashed",
+        ),
+    ]
+    if run.master:
+        tm, rendered = seconds(run, run.master), run.master["rendered_force"]
+        forces.append(Curve(label=RENDERED, x=tm, y=rendered, colour=LIGHT.rendered, width=1.2))
+    return tuple(forces)
 
 
 def _spike_note(spikes: Sequence[tuple[float, float]], unit: str) -> tuple[str, ...]:

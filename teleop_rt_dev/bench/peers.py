@@ -88,6 +88,16 @@ def _each(work: Callable[[], None], samples: int) -> float:
     return seconds(work) / samples
 
 
+PEERS: dict[str, list[tuple[Any, int, int, str | None]]] = {
+    "padasip": [(padasip_call, CALLS, 0, ">= 10"), (padasip_run, SAMPLES, 1, ">= 60")],
+    "filterpy": [(filterpy_call, CALLS, 0, None)],
+    "river": [(river_call, CALLS, 0, None)],
+    "statsmodels": [(statsmodels_run, SAMPLES, 1, None)],
+}
+"""For each library: what makes its work, the samples of it, our side of HOW, and the bar."""
+HOW = ("per call", "over a recording")
+
+
 def run(rounds: int) -> list[Row]:
     phi, y = data()
     bank = Bank(["rls"], [3], SolverSettings(forgetting=FORGETTING, prior=PRIOR))
@@ -101,36 +111,36 @@ def run(rounds: int) -> list[Row]:
         for p, target in pieces:
             bank.step(p, target)
 
-    peers: dict[str, list[tuple[Any, int, int, str | None]]] = {
-        "padasip": [(padasip_call, CALLS, 0, ">= 10"), (padasip_run, SAMPLES, 1, ">= 60")],
-        "filterpy": [(filterpy_call, CALLS, 0, None)],
-        "river": [(river_call, CALLS, 0, None)],
-        "statsmodels": [(statsmodels_run, SAMPLES, 1, None)],
-    }
     sides: list[Callable[[], float]] = [
         lambda: seconds(call) / CALLS,
         lambda: seconds(lambda: bank.run(wide, tall)) / SAMPLES,
     ]
     found, absent = [], []
-    for name, kinds in peers.items():
+    for name, kinds in PEERS.items():
         if importlib.util.find_spec(name) is None:
             absent.append(row(f"{name}: not installed", "-", []))
             continue
         for make, samples, against, bar in kinds:
-            work = make(phi, y)
+            sides.append(partial(_each, make(phi, y), samples))
             found.append((name, against, bar))
-            sides.append(partial(_each, work, samples))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         times = interleave(rounds, sides)
-    how = ("per call", "over a recording")
+    exactly = row("deviation from exact weighted LS", "relative", [deviation], "<= 1e-8")
+    return [*rows_of(times, found), exactly, *absent]
+
+
+def rows_of(times: list[list[float]], found: list[tuple[str, int, str | None]]) -> list[Row]:
+    """Return the rows of our bank, and of each peer with its ratio to ours.
+
+    times: the seconds of each round, ours in both ways and then the peers'.
+    """
     rows = [
-        row(f"bank, one row, {how[i]}", "us/sample", [1e6 * t[i] for t in times]) for i in range(2)
+        row(f"bank, one row, {HOW[i]}", "us/sample", [1e6 * t[i] for t in times]) for i in range(2)
     ]
     for k, (name, against, bar) in enumerate(found):
-        rows.append(row(f"{name}, {how[against]}", "us/sample", [1e6 * t[k + 2] for t in times]))
+        rows.append(row(f"{name}, {HOW[against]}", "us/sample", [1e6 * t[k + 2] for t in times]))
         rows.append(
-            row(f"{name} / bank, {how[against]}", "ratio", ratios(times, k + 2, against), bar)
+            row(f"{name} / bank, {HOW[against]}", "ratio", ratios(times, k + 2, against), bar)
         )
-    exactly = row("deviation from exact weighted LS", "relative", [deviation], "<= 1e-8")
-    return [*rows, exactly, *absent]
+    return rows

@@ -69,13 +69,22 @@ def run(rounds: int) -> list[Row]:
 
             sides.append(lambda: seconds(theirs) / ticks)
         times = interleave(rounds, sides)
+    return rows_of(times, None if library is None else (one, other))
+
+
+def rows_of(times: list[list[float]], compared: tuple[Bank, Bank] | None) -> list[Row]:
+    """Return the rows of ours, plain Python and, where there is a compiler, of C.
+
+    times: a triple (or pair) of seconds per round; `compared`: our bank and the one that C ran.
+    """
     rows = [
         row("bank, 18 rows, 3.6 million ticks", "us/tick", [1e6 * t[0] for t in times]),
         row("plain Python (a slice, per tick)", "us/tick", [1e6 * t[1] for t in times]),
         row("plain Python / bank", "ratio", ratios(times, 1, 0), ">= 30"),
     ]
-    if library is None:
+    if compared is None:
         return [*rows, row("C version: no cc here", "ratio", [], "<= 1.3")]
+    one, other = compared
     scale = np.maximum(np.abs(other.theta), 1.0)
     deviation = float(np.max(np.abs(one.theta - other.theta) / scale))
     return [

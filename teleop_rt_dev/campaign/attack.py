@@ -98,6 +98,41 @@ def asked_by_a_stranger(world: AttackedTrial, seconds: float) -> dict[str, Any]:
     }
 
 
+def attacked_while_led(world: AttackedTrial, seconds: float) -> dict[str, Any]:
+    """Return a row: it holds where the master leads on and no packet of the attacker is taken."""
+    first, passed, sent = world.row(), world.wire.to_slave.passed, world.wire.sent
+    last = world.go_on(seconds, PER_PUMP)[-1]
+    taken = last["packets_received"] - first["packets_received"]
+    genuine = world.wire.to_slave.passed - passed
+    return {
+        "attack": "repeated, reflected, changed, mixed while the master leads",
+        "packets": world.wire.sent - sent,
+        "refused": last["packets_rejected"] - first["packets_rejected"],
+        "accepted": max(0.0, taken - genuine),
+        "state": State(int(last["state"])).name,
+        "holds": last["state"] == State.RUN and taken <= genuine,
+    }
+
+
+def attacked_without_master(
+    world: AttackedTrial, seconds: float, name: str, *, let_go: bool
+) -> dict[str, Any]:
+    """Return a row: it holds where the slave follows nothing after the master was killed."""
+    first, sent, withheld = world.row(), world.wire.sent, world.withheld
+    rows = world.go_on(seconds, 0 if let_go else PER_PUMP, let_go=let_go)
+    inwards = max(row["command"] for row in rows) - first["command"]
+    followed = rows[-1]["followings"] - first["followings"]
+    stays = all(row["state"] != State.RUN for row in rows)
+    return {
+        "attack": name,
+        "packets": (world.wire.sent - sent) + (withheld - world.withheld),
+        "refused": rows[-1]["packets_rejected"] - first["packets_rejected"],
+        "accepted": followed,
+        "state": State(int(rows[-1]["state"])).name,
+        "holds": followed == 0 and inwards < DRIFT_M and stays,
+    }
+
+
 def attacked(folder: Path, seconds: float, seed: int) -> list[dict[str, Any]]:
     """Play the four attacks; return a row of each."""
     world = AttackedTrial(folder, seed)
@@ -105,43 +140,13 @@ def attacked(folder: Path, seconds: float, seed: int) -> list[dict[str, Any]]:
         while world.row().get("state") != State.RUN:
             world.go_on(0.1)
         world.go_on(1.0)
-        stranger = asked_by_a_stranger(world, seconds)
-        first, passed, sent = world.row(), world.wire.to_slave.passed, world.wire.sent
-        rows = world.go_on(seconds, PER_PUMP)
-        last = rows[-1]
-        taken = last["packets_received"] - first["packets_received"]
-        genuine = world.wire.to_slave.passed - passed
-        found = [
-            stranger,
-            {
-                "attack": "repeated, reflected, changed, mixed while the master leads",
-                "packets": world.wire.sent - sent,
-                "refused": last["packets_rejected"] - first["packets_rejected"],
-                "accepted": max(0.0, taken - genuine),
-                "state": State(int(last["state"])).name,
-                "holds": last["state"] == State.RUN and taken <= genuine,
-            },
-        ]
+        found = [asked_by_a_stranger(world, seconds), attacked_while_led(world, seconds)]
         world.wire.to_slave.open = False
         world.go_on(seconds)
         world.sides.processes["master"].kill()
         world.go_on(HELD_S)
         for name, let_go in AFTERWARDS:
-            first, sent, withheld = world.row(), world.wire.sent, world.withheld
-            rows = world.go_on(seconds, 0 if let_go else PER_PUMP, let_go=let_go)
-            inwards = max(row["command"] for row in rows) - first["command"]
-            followed = rows[-1]["followings"] - first["followings"]
-            found.append(
-                {
-                    "attack": name,
-                    "packets": (world.wire.sent - sent) + (withheld - world.withheld),
-                    "refused": rows[-1]["packets_rejected"] - first["packets_rejected"],
-                    "accepted": followed,
-                    "state": State(int(rows[-1]["state"])).name,
-                    "holds": followed == 0 and inwards < DRIFT_M
-                    and all(row["state"] != State.RUN for row in rows),
-                }
-            )  # fmt: skip
+            found.append(attacked_without_master(world, seconds, name, let_go=let_go))
         return found
     finally:
         world.sides.close()

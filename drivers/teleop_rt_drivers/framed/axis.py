@@ -53,35 +53,8 @@ class FramedAxis:
         self._rig = rig
         self._now_ns = now_ns
         self._ports = tuple(ports.values())
-        self._position = self._force = None
-        unit = rig.units
-        if (position := config.position) is not None:
-            source = _source(ports, position.source)
-            key = f"position.scale_{unit.position}_per_unit"
-            scale = source.scale(
-                position.field, unit.position, position.scale, position.sign, position.offset, key
-            )
-            bounds = plausible_position(rig)
-            held_ms = position.held_ms(rig.rate_hz)
-            self._position = Signal(
-                f"position from {source.name}",
-                position,
-                source,
-                scale,
-                bounds,
-                self.counters,
-                held_ms,
-            )
-        if (force := config.force) is not None:
-            source = _source(ports, force.source)
-            key = f"force.scale_{unit.force}_per_unit"
-            scale = source.scale(
-                force.field, unit.force, force.scale, force.sign, force.offset, key
-            )
-            bounds, held_ms = plausible_force(rig), force.held_ms(rig.rate_hz)
-            self._force = Signal(
-                f"force from {source.name}", force, source, scale, bounds, self.counters, held_ms
-            )
+        self._position = self._make_position(ports)
+        self._force = self._make_force(ports)
         self._timing = timing
         self._drive = drive
         if drive is None and config.drive is not None:
@@ -96,6 +69,26 @@ class FramedAxis:
         self._missing = 0
         self._configured = False
         self._watching = False
+
+    def _make_position(self, ports: Mapping[str, Port]) -> Signal | None:
+        if (config := self._config.position) is None:
+            return None
+        source, unit = _source(ports, config.source), self._rig.units.position
+        key = f"position.scale_{unit}_per_unit"
+        scale = source.scale(config.field, unit, config.scale, config.sign, config.offset, key)
+        bounds, held_ms = plausible_position(self._rig), config.held_ms(self._rig.rate_hz)
+        name = f"position from {source.name}"
+        return Signal(name, config, source, scale, bounds, self.counters, held_ms)
+
+    def _make_force(self, ports: Mapping[str, Port]) -> Signal | None:
+        if (config := self._config.force) is None:
+            return None
+        source, unit = _source(ports, config.source), self._rig.units.force
+        key = f"force.scale_{unit}_per_unit"
+        scale = source.scale(config.field, unit, config.scale, config.sign, config.offset, key)
+        bounds, held_ms = plausible_force(self._rig), config.held_ms(self._rig.rate_hz)
+        name = f"force from {source.name}"
+        return Signal(name, config, source, scale, bounds, self.counters, held_ms)
 
     def _make_drive(self, config: FramedDriveConfig, ports: Mapping[str, Port]) -> FramedDrive:
         port, answer = _port_that_sends(ports, config.command), _source(ports, config.answer)
