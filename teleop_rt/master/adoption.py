@@ -23,7 +23,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from teleop_rt.jit import bound
+from teleop_rt.master.wall_law import felt, within
 from teleop_rt.master.walls import NO_WALL, Wall
+
+Felt = tuple[float, float, float]
+"""Of a wall at the hand: its force, its spring's, neither beyond the largest, and the energy."""
 
 BLEND_S = 0.2
 """How long a blend takes that changes the force by its step or more: a hand rings at 4 to 10 Hz."""
@@ -64,12 +69,17 @@ class Tank:
 
 
 class Adoption:
-    """The rendered wall: an old one and a new one, blended."""
+    """The rendered wall: an old one and a new one, blended.
+
+    `stored_J` is what the springs hold at the hand in this tick.
+    """
 
     def __init__(self, force_max: float, force_step: float, tank: Tank) -> None:
         self._force_max = force_max
         self._force_step = force_step
         self.tank = tank
+        self._of_law = bound(felt, (), *NO_WALL.law, 0.0, 0.0, 0.0)
+        self._felts: dict[int, Felt] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -87,6 +97,7 @@ class Adoption:
         self._lasts_s: float | None = None
         self._next_lasts_s: float | None = None
         self._starved_s = 0.0
+        self.stored_J = 0.0
 
     @property
     def newest(self) -> Wall:
@@ -171,37 +182,58 @@ class Adoption:
         if not self.holds(position) and not self.newest.holds(position):
             self.old = self.new = self.newest
             self._waiting, self.weight = None, 1.0
+            self.stored_J = 0.0
             self.tank.fill(0.0, dt_s)
             return 0.0
+        self._felts.clear()
         if self.weight < 1:
-            before = self._force(position, velocity)
+            before = self._rendered(position, velocity)[0]
             self._blend(position, velocity, self._exchange(position, velocity), dt_s)
-            step = abs(self._force(position, velocity) - before)
+            step = abs(self._rendered(position, velocity)[0] - before)
             self.largest_step = max(self.largest_step, step)
-        force = self._force(position, velocity)
+        force, elastic, self.stored_J = self._rendered(position, velocity)
         deeper = velocity - self.new.surface_velocity
-        damping = force - self.elastic_force(position) - self.new.calming * deeper
+        damping = force - elastic - self.new.calming * deeper
         self.tank.fill(damping * deeper * dt_s, dt_s)
         return force
 
-    def _clamp(self, force: float) -> float:
-        return max(-self._force_max, min(self._force_max, force))
-
-    def _energy(self, wall: Wall, position: float) -> float:
-        return wall.energy(position, self._force_max)
-
-    def _force(self, position: float, velocity: float) -> float:
-        new = self._clamp(self.new.force(position, velocity))
-        if self.weight >= 1:
-            return new
-        old = self._clamp(self.old.force(position, velocity))
-        return (1 - self.weight) * old + self.weight * new
-
     def elastic_force(self, position: float) -> float:
         """Return the force of the springs as blended."""
-        new = self._clamp(self.new.elastic_force(position))
-        old = self._clamp(self.old.elastic_force(position))
+        new = within(self.new.elastic_force(position), self._force_max)
+        old = within(self.old.elastic_force(position), self._force_max)
         return (1 - self.weight) * old + self.weight * new
+
+    def _energy(self, wall: Wall, position: float) -> float:
+        if wall.terms:
+            return wall.energy(position, self._force_max)
+        return self._of_law(*wall.law, position - wall.surface, 0.0, self._force_max)[2]
+
+    def _felt(self, wall: Wall, position: float, velocity: float) -> Felt:
+        """Return what a wall answers to the hand in this tick; found out once."""
+        found = self._felts.get(id(wall))
+        if found is not None:
+            return found
+        most = self._force_max
+        if wall.terms:
+            force, spring = wall.force(position, velocity), wall.elastic_force(position)
+            found = within(force, most), within(spring, most), wall.energy(position, most)
+        else:
+            found = self._of_law(*wall.law, position - wall.surface, velocity, most)
+        self._felts[id(wall)] = found
+        return found
+
+    def _rendered(self, position: float, velocity: float) -> Felt:
+        """Return what the hand feels, as blended."""
+        new = self._felt(self.new, position, velocity)
+        weight = self.weight
+        if weight >= 1:
+            return new
+        old = self._felt(self.old, position, velocity)
+        return (
+            (1 - weight) * old[0] + weight * new[0],
+            (1 - weight) * old[1] + weight * new[1],
+            (1 - weight) * old[2] + weight * new[2],
+        )
 
     def _exchange(self, position: float, velocity: float) -> float:
         """Put the waiting wall in the place of the new one if affordable; return the step left."""
@@ -210,12 +242,9 @@ class Adoption:
         at_once = self._next_lasts_s == 0.0
         if at_once and self._takes_over(self._waiting, position, velocity):
             return 0.0
-        change = self._clamp(self._waiting.force(position, velocity))
-        change -= self._clamp(self.new.force(position, velocity))
-        step = self.weight * abs(change)
-        cost_J = self.weight * (
-            self._energy(self._waiting, position) - self._energy(self.new, position)
-        )
+        waiting = self._felt(self._waiting, position, velocity)
+        new = self._felt(self.new, position, velocity)
+        step, cost_J = self.weight * abs(waiting[0] - new[0]), self.weight * (waiting[2] - new[2])
         if step > self._force_step or cost_J > self.tank.level_J:
             return self._force_step
         self._pay(cost_J)
@@ -228,8 +257,8 @@ class Adoption:
 
         Returns whether it is rendered now.
         """
-        step = self._clamp(wall.force(position, velocity)) - self._force(position, velocity)
-        cost_J = self._energy(wall, position) - self.stored(position)
+        alone, rendered = self._felt(wall, position, velocity), self._rendered(position, velocity)
+        step, cost_J = alone[0] - rendered[0], alone[2] - rendered[2]
         if abs(step) > self._force_step or cost_J > self.tank.level_J:
             return False
         self._pay(cost_J)
@@ -238,9 +267,9 @@ class Adoption:
         return True
 
     def _blend(self, position: float, velocity: float, force_step: float, dt_s: float) -> None:
-        difference = self._clamp(self.new.force(position, velocity))
-        difference -= self._clamp(self.old.force(position, velocity))
-        cost_J = self._energy(self.new, position) - self._energy(self.old, position)
+        new = self._felt(self.new, position, velocity)
+        old = self._felt(self.old, position, velocity)
+        difference, cost_J = new[0] - old[0], new[2] - old[2]
         unpaid = (1 - self.weight) * cost_J > self.tank.level_J
         backwards = self._waiting is not None and unpaid
         room = self._unhurried(abs(difference), dt_s, backwards=backwards)

@@ -196,7 +196,7 @@ class Master:
         """Return the force as energy, swings and the device's own safety chain let it through."""
         stored_J = math.inf
         if self._coupling is None:
-            stored_J = self.energy_scale * max(0.0, self.adoption.stored(self.x))
+            stored_J = self.energy_scale * max(0.0, self.adoption.stored_J)
         room = self.force_scale * self._position_scale * self.limiter.damping_room
         surface_J = self.energy_scale * self._surface_J
         force = self.observer.update(self.position, self.velocity, force, stored_J, room, surface_J)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
-from teleop_rt.contact.law import damping_at, depth_of, spring_force
 from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.rendered_effects import Term
+from teleop_rt.master.wall_law import Law, damped, elastic, knee_of, stored, stretch_of
 
 _HALVINGS = 40
-_LARGEST_LOGARITHM = 700.0
-"""Of a float, which has no larger power of e."""
 MOTION_REMEMBERED_S = 1.0
 """Time constant in which a surface comes to rest of which nothing more is heard: breath turns."""
 
@@ -28,7 +26,8 @@ class Wall:
     effects beside it: they add force, as an adhesion does even outside, or move the surface. Their
     force is that at the hand, where their memories are; elsewhere it follows from the depth alone.
     The surface moves by itself at `surface_velocity`. `calming` is damping at every depth that is
-    no part of the body: it makes up for the latency of a spring that is rendered softer.
+    no part of the body: it makes up for the latency of a spring that is rendered softer. `law` is
+    what of it acts at a depth, for kernels.
     """
 
     surface: float
@@ -44,6 +43,15 @@ class Wall:
     terms: tuple[Term, ...] = ()
     surface_velocity: float = 0.0
     calming: float = 0.0
+    law: Law = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        law = Law(
+            self.k, self.b, self.n, self.damping_power, self.approach_only, self.bilateral,
+            self.offset, self.stiffest, self.damped_depth, self.surface_velocity, self.calming,
+            knee_of(self.k, self.n, self.stiffest),
+        )  # fmt: skip
+        object.__setattr__(self, "law", law)  # once: a wall does not change
 
     def moved(self, time_s: float, share: float = 1.0) -> Wall:
         """Return the wall a time later, its surface moving at a share of its velocity.
@@ -59,46 +67,9 @@ class Wall:
         )
 
     @property
-    def knee(self) -> float:
-        """The depth from which the spring is a straight line; infinite where it never is."""
-        if self.k <= 0.0 or math.isinf(self.stiffest):
-            return math.inf
-        if self.n == 1.0:
-            return 0.0 if self.k > self.stiffest else math.inf
-        logarithm = math.log(self.stiffest / (self.n * self.k)) / (self.n - 1)
-        return math.exp(logarithm) if logarithm < _LARGEST_LOGARITHM else math.inf
-
-    def _spring(self, x: float) -> float:
-        """Return the force of the model's own spring at a depth x >= 0."""
-        bent = min(x, self.knee)
-        force = spring_force(bent, self.k, self.n)
-        if x > bent:
-            force += self.stiffest * (x - bent)
-        return force
-
-    def _depth_of(self, force: float) -> float:
-        """Return the depth at which the model's own spring gives a force > 0."""
-        knee = self.knee
-        at_knee = math.inf if math.isinf(knee) else spring_force(knee, self.k, self.n)
-        if force > at_knee:
-            return knee + (force - at_knee) / self.stiffest
-        return depth_of(force, self.k, self.n)
-
-    def _energy_at(self, x: float) -> float:
-        """Return the energy of the model's own spring at a depth x >= 0."""
-        bent = min(x, self.knee)
-        energy: float = self.k * bent ** (self.n + 1) / (self.n + 1)
-        straight = x - bent
-        if straight <= 0.0:
-            return energy
-        at_knee = spring_force(bent, self.k, self.n)
-        energy += straight * (at_knee + 0.5 * self.stiffest * straight)
-        return energy
-
-    @property
     def surface_now(self) -> float:
         """Where the surface is now: effects may have moved it."""
-        if not self.terms:  # asked for eight times a tick
+        if not self.terms:
             return self.surface
         moved: float = sum(t.amplitude * t.memory.value for t in self.terms if t.memory.moves)
         return self.surface - moved
@@ -116,26 +87,25 @@ class Wall:
 
     def holds(self, position: float) -> bool:
         """Return whether the wall acts at this position."""
+        if not self.terms:
+            return self.bilateral or position > self.surface
         return self.bilateral or position > self.surface_now or self.pull != 0.0
 
     def elastic_force(self, position: float) -> float:
         """Return the force of the spring alone, and of the springs within the effects."""
         x = position - self.surface_now
-        if self.bilateral:
-            return self.offset + self.k * x
-        if x <= 0:
-            return 0.0
-        force = self._spring(x)
-        for t in self.terms:
-            if not t.memory.moves and t.memory.in_contact:
-                force += t.amplitude * t.memory.value_at(x)
+        force = elastic(self.law, x)
+        if x > 0.0:
+            for t in self.terms:
+                if not t.memory.moves and t.memory.in_contact:
+                    force += t.amplitude * t.memory.value_at(x)
         return force
 
     def position_of(self, elastic_force: float) -> float:
         """Return the position where the spring gives this force; the surface where it has none."""
         if self.k <= 0 or elastic_force <= 0:
             return self.surface_now
-        depth = self._depth_of(elastic_force)
+        depth = stretch_of(self.law, elastic_force)
         if not self.terms:
             return self.surface + depth
         low, high = self.surface_now, self.surface_now + 2 * depth
@@ -154,10 +124,7 @@ class Wall:
         x = position - self.surface_now
         if x <= 0 and not self.bilateral:
             return self.pull
-        b = 0.0 if self.approach_only and velocity < 0 else self.b
-        b = damping_at(min(x, self.damped_depth), b, self.damping_power)
-        force = (self.offset + self.k * x) if self.bilateral else self._spring(x)
-        force += (b + self.calming) * (velocity - self.surface_velocity)
+        force = damped(self.law, x, velocity)
         if not self.terms:
             return force if self.bilateral else max(0.0, force)
         force += sum(t.force for t in self.terms if not t.memory.moves and t.memory.in_contact)
@@ -169,20 +136,9 @@ class Wall:
         Beyond `force_max` the spring pushes no harder, and stores that much less. Effects beside
         it add what their own springs hold.
         """
-        stored = self._energy_of_spring(position, force_max)
         x = position - self.surface_now
-        return stored + sum(t.amplitude * t.memory.energy(x) for t in self.terms)
-
-    def _energy_of_spring(self, position: float, force_max: float) -> float:
-        x = position - self.surface_now
-        force = abs(self.offset + self.k * x) if self.bilateral else self._spring(max(x, 0.0))
-        if self.k <= 0 or force == 0:
-            return 0.0
-        stretch = self._depth_of(min(force, force_max))
-        stored = self._energy_at(stretch)
-        if force <= force_max:
-            return stored
-        return stored + force_max * (self._depth_of(force) - stretch)
+        own = stored(self.law, x, force_max)
+        return own + sum(t.amplitude * t.memory.energy(x) for t in self.terms)
 
 
 NO_WALL = Wall(surface=math.inf)
