@@ -10,6 +10,12 @@ and Hirzinger 2005 follow the energy of a reference in the same way).
 from __future__ import annotations
 
 import math
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.jit import bound, kernel
 
 CALM_S = 0.05
 """A port without force for so long is out of contact."""
@@ -18,6 +24,129 @@ GIVEN_BACK = 0.6
 
 RECOVERS_S = 0.02
 """How long a force that is withheld whole takes to return."""
+
+StoredEnergy = NDArray[np.record]
+Forces = NDArray[np.float64]
+
+
+class PortEnergy:
+    """The observer's record, which kernels read and write: settings, sums, the last tick."""
+
+    share: float
+    period_s: float
+    capacity_J: float
+    allowance_W: float
+    damps: float
+    energy_J: float
+    lowest_J: float
+    injected_J: float
+    missing_J: float
+    surface_J: float
+    made_J: float
+    epsilon_J: float
+    stored_J: float
+    turned_J: float
+    taken_J: float
+    withheld: float
+    calm_s: float
+    position: float
+    begun: float
+
+
+_FIELDS = tuple(PortEnergy.__annotations__)
+_TYPE = np.dtype((np.record, np.dtype([(name, np.float64) for name in _FIELDS])))
+
+
+@kernel
+def count(p: PortEnergy, acted: float, force: float, stored_J: float, taken_J: float) -> None:
+    """Book the energy of a tick; a new contact begins with nothing, and owes nothing."""
+    calm = acted == 0.0 and force == 0.0
+    if not calm and p.calm_s > CALM_S:
+        p.energy_J = p.taken_J = 0.0
+        p.epsilon_J = p.capacity_J
+    p.calm_s = p.calm_s + p.period_s if calm else 0.0
+    p.epsilon_J += p.allowance_W * p.period_s
+    p.energy_J = min(p.energy_J + taken_J, stored_J + p.capacity_J)
+    p.taken_J = min(max(p.taken_J, 0.0) + taken_J, stored_J)
+    p.lowest_J = min(p.lowest_J, p.energy_J)
+    p.missing_J = max(p.missing_J, -p.epsilon_J - p.energy_J)
+
+
+@kernel
+def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: bool) -> float:
+    """Return the force less what the energy taken in this contact does not pay for.
+
+    That is what the hand gave and the tank, while bounded what the hand gave alone. A spring
+    that has a share of its energy has the square root of it as its force: it begins deeper.
+    While bounded a share is kept as well that grows without a step from where the hand turned,
+    to 1 - GIVEN_BACK in all: a latency that is longer than the device says makes up to that.
+    What is withheld is found on the way out, and on the way in only falls, over `RECOVERS_S`:
+    a force that is whole again at each turn is a step there, and a hand at rest chatters.
+    """
+    if not 0.0 < stored_J < math.inf:
+        p.withheld = 0.0
+        return force
+    taken_J = p.taken_J if bounded else p.energy_J + p.epsilon_J
+    share = math.sqrt(min(1.0, max(0.0, taken_J) / stored_J))
+    if bounded and leaving and p.turned_J > 0.0:
+        share *= 1 - 2 * (1 - GIVEN_BACK) * (1 - min(1.0, stored_J / p.turned_J))
+    size = abs(force)
+    falls = p.withheld - size * p.period_s / RECOVERS_S
+    missing = max((1 - share) * size, falls)
+    p.withheld = missing if leaving else min(p.withheld, missing)
+    return math.copysign(max(0.0, size - p.withheld), force)
+
+
+@kernel
+def damping_of(p: PortEnergy, velocity: float, damping_max: float) -> float:
+    """Return the damping that pays the deficit within this tick, as far as it may."""
+    deficit_J = -p.epsilon_J - p.energy_J
+    power_per_damping = velocity * velocity * p.period_s
+    if deficit_J <= 0 or power_per_damping <= 0:
+        return 0.0
+    damping = min(damping_max, deficit_J / power_per_damping)
+    p.injected_J += damping * power_per_damping
+    return damping
+
+
+@kernel
+def observe(
+    ports: StoredEnergy,
+    forces: Forces,
+    position: float,
+    velocity: float,
+    force: float,
+    stored_J: float,
+    damping_max: float,
+    surface_J: float,
+    bounded: bool,
+) -> float:
+    """Take in one tick; return the force, damped if need be: see `PassivityObserver.update`."""
+    p: Any = ports[0]
+    acted = p.share * forces[0] + (1 - p.share) * forces[1]
+    change_J = acted * (position - p.position) if p.begun > 0.0 else 0.0
+    p.begun, p.position = 1.0, position
+    p.surface_J += surface_J
+    count(p, acted, force, stored_J, change_J + surface_J)
+    if not bounded:
+        p.taken_J = stored_J  # when that begins, what is stored was taken
+    made_J = stored_J - p.stored_J - change_J - surface_J
+    p.made_J = 0.0 if math.isinf(stored_J) else made_J
+    leaving, p.stored_J = stored_J < p.stored_J, stored_J
+    p.turned_J = p.turned_J if leaving else stored_J
+    force = paid(p, force, stored_J, leaving, bounded)
+    if p.damps > 0.0:
+        force += damping_of(p, velocity, damping_max) * velocity
+    for at in range(len(forces) - 1):
+        forces[at] = forces[at + 1]
+    forces[-1] = force
+    return force
+
+
+def _number(name: str) -> Any:
+    """Return a property that reads a field of an observer's record."""
+    at = _FIELDS.index(name)
+    return property(lambda observer: observer.numbers[at])
 
 
 class PassivityObserver:
@@ -28,8 +157,12 @@ class PassivityObserver:
     is paid; and a wall that stores more than E + ε gives back that share of its force. `made_J` is
     what the port made in the last tick beyond what its springs hold. While `bounded`, force is
     given back only as far as energy was taken: that ends a growing oscillation whatever made it
-    grow. `latency_s` is from a sample to the force that answers it.
+    grow. `latency_s` is from a sample to the force that answers it. `numbers` is the record.
     """
+
+    energy_J, lowest_J = _number("energy_J"), _number("lowest_J")
+    injected_J, missing_J = _number("injected_J"), _number("missing_J")
+    surface_J, made_J, epsilon_J = _number("surface_J"), _number("made_J"), _number("epsilon_J")
 
     def __init__(
         self,
@@ -41,24 +174,24 @@ class PassivityObserver:
         damps: bool = True,
     ) -> None:
         whole = int(latency_s / period_s + 1e-6)
-        self._share = max(0.0, latency_s / period_s - whole)
-        self._forces = [0.0] * (whole + 2)
-        self._period_s = period_s
-        self._damps = damps
-        self._capacity_J = capacity_J
-        self._allowance_W = allowance_W
+        stored: StoredEnergy = np.zeros(1, _TYPE)
+        self._energy = energy = cast("PortEnergy", stored[0])
+        energy.share = max(0.0, latency_s / period_s - whole)
+        energy.period_s, energy.damps = period_s, float(damps)
+        energy.capacity_J, energy.allowance_W = capacity_J, allowance_W
+        self.numbers = stored.view(np.uint8).data.cast("d")
+        self._forces = np.zeros(whole + 2)
+        self.bounded, example = False, (0.0,) * 6
+        self._observe = bound(observe, (stored, self._forces), *example, self.bounded)
         self.reset()
 
     def reset(self) -> None:
         """Reset the observer."""
-        self.energy_J = self.lowest_J = self.injected_J = self.change_J = self.missing_J = 0.0
-        self.made_J = self._stored_J = self._turned_J = self.surface_J = 0.0
-        self.epsilon_J = self._capacity_J
+        for at in range(_FIELDS.index("energy_J"), len(_FIELDS)):
+            self.numbers[at] = 0.0
+        self._energy.epsilon_J, self._energy.calm_s = self._energy.capacity_J, math.inf
+        self._forces[:] = 0.0
         self.bounded = False
-        self._position: float | None = None
-        self._calm_s = math.inf
-        self._taken_J = self._withheld = 0.0
-        self._forces[:] = [0.0] * len(self._forces)
 
     def update(
         self,
@@ -74,66 +207,6 @@ class PassivityObserver:
         `stored_J` is what the wall's springs hold here, at the hand, `surface_J` the work of a
         surface that moves by itself in this tick: it is the environment's own.
         """
-        acted = self._share * self._forces[0] + (1 - self._share) * self._forces[1]
-        self.change_J = 0.0 if self._position is None else acted * (position - self._position)
-        self._position = position
-        self.surface_J += surface_J
-        self._count(acted, force, stored_J, self.change_J + surface_J)
-        if not self.bounded:
-            self._taken_J = stored_J  # when that begins, what is stored was taken
-        made_J = stored_J - self._stored_J - self.change_J - surface_J
-        self.made_J = 0.0 if math.isinf(stored_J) else made_J
-        leaving, self._stored_J = stored_J < self._stored_J, stored_J
-        self._turned_J = self._turned_J if leaving else stored_J
-        force = self._paid(force, stored_J, leaving=leaving)
-        if self._damps:
-            force += self._damping(velocity, damping_max) * velocity
-        self._forces.append(force)
-        del self._forces[0]
-        return force
-
-    def _count(self, acted: float, force: float, stored_J: float, taken_J: float) -> None:
-        """Book the energy of a tick; a new contact begins with nothing, and owes nothing."""
-        calm = acted == 0.0 and force == 0.0
-        if not calm and self._calm_s > CALM_S:
-            self.energy_J = self._taken_J = 0.0
-            self.epsilon_J = self._capacity_J
-        self._calm_s = self._calm_s + self._period_s if calm else 0.0
-        self.epsilon_J += self._allowance_W * self._period_s
-        self.energy_J = min(self.energy_J + taken_J, stored_J + self._capacity_J)
-        self._taken_J = min(max(self._taken_J, 0.0) + taken_J, stored_J)
-        self.lowest_J = min(self.lowest_J, self.energy_J)
-        self.missing_J = max(self.missing_J, -self.epsilon_J - self.energy_J)
-
-    def _paid(self, force: float, stored_J: float, *, leaving: bool) -> float:
-        """Return the force less what the energy taken in this contact does not pay for.
-
-        That is what the hand gave and the tank, while bounded what the hand gave alone. A spring
-        that has a share of its energy has the square root of it as its force: it begins deeper.
-        While bounded a share is kept as well that grows without a step from where the hand turned,
-        to 1 - GIVEN_BACK in all: a latency that is longer than the device says makes up to that.
-        What is withheld is found on the way out, and on the way in only falls, over `RECOVERS_S`:
-        a force that is whole again at each turn is a step there, and a hand at rest chatters.
-        """
-        if not 0.0 < stored_J < math.inf:
-            self._withheld = 0.0
-            return force
-        taken_J = self._taken_J if self.bounded else self.energy_J + self.epsilon_J
-        share = math.sqrt(min(1.0, max(0.0, taken_J) / stored_J))
-        if self.bounded and leaving and self._turned_J > 0.0:
-            share *= 1 - 2 * (1 - GIVEN_BACK) * (1 - min(1.0, stored_J / self._turned_J))
-        size = abs(force)
-        falls = self._withheld - size * self._period_s / RECOVERS_S
-        missing = max((1 - share) * size, falls)
-        self._withheld = missing if leaving else min(self._withheld, missing)
-        return math.copysign(max(0.0, size - self._withheld), force)
-
-    def _damping(self, velocity: float, damping_max: float) -> float:
-        """Return the damping that pays the deficit within this tick, as far as it may."""
-        deficit_J = -self.epsilon_J - self.energy_J
-        power_per_damping = velocity * velocity * self._period_s
-        if deficit_J <= 0 or power_per_damping <= 0:
-            return 0.0
-        damping = min(damping_max, deficit_J / power_per_damping)
-        self.injected_J += damping * power_per_damping
-        return damping
+        return self._observe(
+            position, velocity, force, stored_J, damping_max, surface_J, self.bounded
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from struct import Struct
 from typing import TYPE_CHECKING
 
 from teleop_rt.master.walls import NO_WALL
@@ -11,48 +12,46 @@ from teleop_rt.signals import MASTER, columns
 if TYPE_CHECKING:
     from teleop_rt.master.master import Master
 
-_COLUMN = columns(MASTER)
+_write = Struct(f"={columns(MASTER)['trouble'] + 1}d").pack_into
 
 
 def record(master: Master, now_ns: int) -> None:
-    """Write the master's row of this tick."""
-    row, slave = master.row, master.slave
-    wall = master.adoption.newest
-    row[_COLUMN["tick"]] = master.tick
-    row[_COLUMN["stamp_ns"]] = now_ns
-    row[_COLUMN["position"]] = master.position
-    row[_COLUMN["velocity"]] = master.velocity
-    row[_COLUMN["offset"]] = master.registration.offset
-    row[_COLUMN["target"]] = master.target
-    row[_COLUMN["rendered_force"]] = master.force
-    row[_COLUMN["surface"]] = math.nan if wall is NO_WALL else wall.surface
-    row[_COLUMN["blend"]] = master.adoption.weight
-    row[_COLUMN["reflected_force"]] = math.nan if slave is None else slave.force
-    row[_COLUMN["contact_id"]] = master.intake.acknowledged
-    row[_COLUMN["model_sequence"]] = (
-        0 if master.intake.model is None else master.intake.model.model_sequence
+    """Write the master's row of this tick, in the order of `signals.MASTER`."""
+    slave, wall, adoption = master.slave, master.adoption.newest, master.adoption
+    model, engagement, bound = master.intake.model, master.engagement, master.rendered_bound
+    endpoint = master.endpoint
+    statistics = endpoint.statistics
+    _write(
+        master.row,
+        0,
+        master.tick,
+        now_ns,
+        master.position,
+        master.velocity,
+        master.registration.offset,
+        master.target,
+        master.force,
+        math.nan if wall is NO_WALL else wall.surface,
+        adoption.weight,
+        math.nan if slave is None else slave.force,
+        master.intake.acknowledged,
+        0 if model is None else model.model_sequence,
+        engagement.state,
+        master.silence_ns * 1e-6,
+        statistics.received,
+        statistics.lost,
+        statistics.refused,
+        master.screening.refusals,
+        engagement.engagements,
+        engagement.freezes,
+        engagement.declutches,
+        adoption.energy_J * master.energy_scale,
+        master.observer.energy_J,
+        bound.true_stiffness,
+        bound.rendered_stiffness,
+        bound.true_damping,
+        bound.rendered_damping,
+        master.fault.code,
+        slave is not None and slave.inadequate,
+        endpoint.trouble_code(now_ns),
     )
-    row[_COLUMN["refused_models"]] = master.screening.refusals
-    _record_link(master, now_ns)
-    bound = master.rendered_bound
-    row[_COLUMN["adoption_energy"]] = master.adoption.energy_J * master.energy_scale
-    row[_COLUMN["port_energy"]] = master.observer.energy_J
-    row[_COLUMN["true_stiffness"]] = bound.true_stiffness
-    row[_COLUMN["rendered_stiffness"]] = bound.rendered_stiffness
-    row[_COLUMN["true_damping"]] = bound.true_damping
-    row[_COLUMN["rendered_damping"]] = bound.rendered_damping
-    row[_COLUMN["handle_fault"]] = master.fault.code
-    row[_COLUMN["inadequate"]] = slave is not None and slave.inadequate
-
-
-def _record_link(master: Master, now_ns: int) -> None:
-    row, engagement, statistics = master.row, master.engagement, master.endpoint.statistics
-    row[_COLUMN["state"]] = engagement.state
-    row[_COLUMN["engagements"]] = engagement.engagements
-    row[_COLUMN["freezes"]] = engagement.freezes
-    row[_COLUMN["declutches"]] = engagement.declutches
-    row[_COLUMN["silence_ms"]] = master.silence_ns * 1e-6
-    row[_COLUMN["packets_received"]] = statistics.received
-    row[_COLUMN["packets_lost"]] = statistics.lost
-    row[_COLUMN["packets_rejected"]] = statistics.refused
-    row[_COLUMN["trouble"]] = master.endpoint.trouble_code(now_ns)
