@@ -50,6 +50,12 @@ pack_header = functools.partial(_HEADER.pack, MAGIC, VERSION)
 """The 44 bytes of a header, from what a `Header` has in its order."""
 
 
+motion_body = _MOTION.pack
+"""The body of a motion from its numbers: target, velocity, surface, force, energy_J, contact_id,
+and the flags engaged, wall and provisional.
+"""
+
+
 def encode_header(header: Header) -> bytes:
     """Return the 44 bytes of a header."""
     return pack_header(*header)
@@ -91,7 +97,7 @@ def encode(message: Message) -> bytes:
 
 
 def _encode_motion(message: MotionMessage) -> bytes:
-    return _MOTION.pack(
+    return motion_body(
         message.target,
         message.velocity,
         message.surface,

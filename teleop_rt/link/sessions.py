@@ -51,8 +51,11 @@ class Sessions:
 
     def silent(self, now_ns: int) -> bool:
         """Return whether nothing was accepted for so long that the session is to be begun again."""
+        silence_ns = now_ns - self.accepted_ns
+        if silence_ns <= RECONNECT_AFTER_NS:  # however long a round trip takes
+            return False
         round_trip_ns = min(max(0, self._statistics.round_trip_ns), SLOWEST_LINK_NS)
-        return now_ns - self.accepted_ns > RECONNECT_AFTER_NS + round_trip_ns
+        return silence_ns > RECONNECT_AFTER_NS + round_trip_ns
 
     def find(self, session_id: int) -> Session:
         """Return the session of this number, a candidate too. Raises MessageError for another."""

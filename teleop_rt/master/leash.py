@@ -41,6 +41,8 @@ class Leash:
         ends as soon as the brake lets go, for a wall with a damping of its own may be felt by then.
         """
         self.longest = max(self.longest, lead)
+        if self._limit == 0.0 and 2 * lead <= self._length:
+            return 0.0  # nothing to hold, as nearly always
         share = min(1.0, max(0.0, 2 * lead / self._length - 1))
         self._limit = max(share * self._force_max, self._limit - self._release_step)
         if self._limit <= 0.0:

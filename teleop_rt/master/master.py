@@ -9,7 +9,8 @@ from teleop_rt.config_master import MasterConfig
 from teleop_rt.config_rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import MotionMessage, StateMessage
+from teleop_rt.link.codec import motion_body
+from teleop_rt.link.messages import Kind, StateMessage
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.build import make_port
 from teleop_rt.master.coupling import Coupling
@@ -34,6 +35,10 @@ from teleop_rt.master.walls import NO_WALL
 from teleop_rt.realtime.row import Row
 from teleop_rt.signals import MASTER
 
+# By these names a tick finds them at once.
+_WAITING, _ENGAGED, _FROZEN = LinkState.WAITING, LinkState.ENGAGED, LinkState.FROZEN
+_DECLUTCHED, _MOTION = LinkState.DECLUTCHED, Kind.MOTION
+
 REFERENCE_SHARE = 0.05
 """The depth at which models are compared, as a share of the axis range."""
 CLEARANCE_SHARE = 0.005
@@ -53,9 +58,9 @@ class Master:
     `cycle()` is one tick; `row` is laid out by `signals.MASTER`. Units are the rig's. Walls,
     offset and target are the slave's; position, velocity and force are the hand's, which is
     scaled: it moves the slave by `position_scale` times its own motion and feels `force_scale`
-    times the wall's force. Forces and energies of `adoption` are before that scaling, and
-    `energy_scale` is the hand's energy per the wall's. With a `coupling` no wall is rendered: it
-    says the force, and the observer only observes.
+    times the wall's force; `hand` is its position so scaled. Forces and energies of `adoption` are
+    before that scaling, and `energy_scale` is the hand's energy per the wall's. With a `coupling`
+    no wall is rendered: it says the force, and the observer only observes.
     """
 
     def __init__(
@@ -132,7 +137,8 @@ class Master:
         self._operator.reset()
         self.tick = 0
         self.intake.reset()
-        self.force = self.position = self.velocity = self._moving = self.target = 0.0
+        self.force = self.position = self.velocity = self._moving = self.target = self.hand = 0.0
+        self._one_way_s = 0.0
         self._offset_aimed = self._surface_J = 0.0
         self._stall.reset()
         self._started_ns = -1
@@ -166,24 +172,26 @@ class Master:
         since_s = (now_ns - self._started_ns) * 1e-9 if self._started_ns >= 0 else 0.0
         self.position, self._moving = self._operator.update(since_s, self.force)
         self.velocity = 0.0 if self._started_ns < 0 else self._moving
+        self.hand = self._position_scale * self.position
 
     def _decide(self, now_ns: int) -> None:
         """Decide on link state, wall, offset and force."""
         endpoint, before = self.endpoint, self.engagement.state
-        round_trip_ns = endpoint.statistics.round_trip_ns
-        if before == LinkState.WAITING and self.slave is not None:
+        round_trip_ns = max(0, endpoint.statistics.round_trip_ns)
+        self._one_way_s = 0.5e-9 * round_trip_ns
+        if before is _WAITING and self.slave is not None:
             self.registration.index(self.hand, self.slave.position)
         self.engagement.update(
             now_ns, self.slave, self.silence_ns, round_trip_ns, endpoint.session_id
         )
         state = self.engagement.state
-        if state in {LinkState.WAITING, LinkState.DECLUTCHED}:
+        if state is _WAITING or state is _DECLUTCHED:
             endpoint.clock.release()
-        elif before == LinkState.WAITING:
+        elif before is _WAITING:
             endpoint.fix_clock()
-        if before == LinkState.DECLUTCHED and state == LinkState.WAITING:
+        if before is _DECLUTCHED and state is _WAITING:
             self._forget()
-        if state == LinkState.ENGAGED and self._coupling is None:
+        if state is _ENGAGED and self._coupling is None:
             fresh = self.slave if self._fresh else None
             self.intake.take(endpoint.model, fresh, self.hand, self._one_way_s, 1e-9 * now_ns)
             self._relax()
@@ -228,7 +236,7 @@ class Master:
 
     def _lead(self, hand: float, slave: StateMessage | None) -> float:
         """Return by how much the hand leads the slave; 0 once the first touch is known."""
-        if slave is None or self.engagement.state == LinkState.WAITING:
+        if slave is None or self.engagement.state is _WAITING:
             self._waits_at = min(self._waits_at, hand)
             return hand - self._waits_at
         self._waits_at = math.inf
@@ -236,49 +244,37 @@ class Master:
 
     def _wanted_force(self) -> float:
         """Return the force of the walls, or of the coupling, before scaling and limits."""
-        velocity = self._position_scale * self.velocity
+        x, velocity, dt_s = self.x, self._position_scale * self.velocity, self._dt_s
         if self._coupling is None:
-            self.effects.advance(self.x, self.adoption.newest.surface, velocity, self._dt_s)
-            most_W = self._surface_W / self.energy_scale
-            self._surface_J = self.adoption.move(self.x, self._dt_s, most_W)
-            return self.adoption.update(self.x, velocity, self._dt_s)
-        if self.slave is None or self.engagement.state == LinkState.WAITING:
+            adoption = self.adoption
+            self.effects.advance(x, adoption.newest.surface, velocity, dt_s)
+            self._surface_J = adoption.move(x, dt_s, self._surface_W / self.energy_scale)
+            return adoption.update(x, velocity, dt_s)
+        if self.slave is None or self.engagement.state is _WAITING:
             return 0.0
-        return self._coupling.update(self.x, velocity, self.slave, self._dt_s)
+        return self._coupling.update(x, velocity, self.slave, dt_s)
 
     def _act(self, now_ns: int) -> None:
         """Push the hand, send the motion and record the tick."""
         if self._device is not None:
             self._device.push(self.force)
         self._aim()
-        wall = self.adoption.newest
+        wall, frozen = self.adoption.newest, self.engagement.state is _FROZEN
         known = wall is not NO_WALL
-        frozen = self.engagement.state == LinkState.FROZEN
-        self.endpoint.send(
-            MotionMessage(
-                target=self.target,
-                velocity=0.0 if frozen else self._position_scale * self.velocity,
-                contact_id=self.intake.acknowledged,
-                engaged=self.fault is NO_FAULT
-                and self.engagement.asks(self.slave, self.silence_ns),
-                wall=known,
-                surface=wall.surface if known else 0.0,
-                force=self.force / self.force_scale,
-                energy_J=0.0 if self._coupling is None else self._coupling.energy_J,
-                provisional=self.intake.provisional,
-            )
+        asks = self.engagement.asks(self.slave, self.silence_ns)
+        body = motion_body(
+            self.target,
+            0.0 if frozen else self._position_scale * self.velocity,
+            wall.surface if known else 0.0,
+            self.force / self.force_scale,
+            0.0 if self._coupling is None else self._coupling.energy_J,
+            self.intake.acknowledged,
+            asks and self.fault is NO_FAULT,
+            known,
+            self.intake.provisional,
         )
+        self.endpoint.send_body(_MOTION, body)
         record(self, now_ns)
-
-    @property
-    def _one_way_s(self) -> float:
-        """How old news of the slave are when they arrive."""
-        return 0.5e-9 * max(0, self.endpoint.statistics.round_trip_ns)
-
-    @property
-    def hand(self) -> float:
-        """The hand's position, scaled."""
-        return self._position_scale * self.position
 
     @property
     def x(self) -> float:
@@ -312,7 +308,8 @@ class Master:
     @property
     def _touches(self) -> bool:
         """Whether the hand is inside of what is rendered, or about to be."""
-        return self.adoption.holds(self.x) or self.adoption.newest.holds(self.x)
+        x, adoption = self.x, self.adoption
+        return adoption.holds(x) or adoption.newest.holds(x)
 
     def _relax(self) -> None:
         """Take up what moves towards an end of travel; elsewhere let the offset vanish."""
@@ -329,13 +326,14 @@ class Master:
         that withdraws takes the tool with it at once.
         """
         offset_before, self._offset_aimed = self._offset_aimed, self.registration.offset
-        if self.engagement.state == LinkState.FROZEN:
+        state = self.engagement.state
+        if state is _FROZEN:
             self._rejoining = True
             return
         gap = self.x - self.target
         own = self._position_scale * self.velocity * self._dt_s
         vanished = self._rejoin_speed * self._dt_s
-        deeper = self.engagement.state == LinkState.ENGAGED and gap > 0.0
+        deeper = state is _ENGAGED and gap > 0.0
         deeper = deeper and offset_before - self._offset_aimed > vanished
         self._deepens = (self._deepens or deeper) and gap > max(vanished + own, 0.0)
         self._rejoining = self._rejoining and abs(gap) > vanished + abs(own)
