@@ -15,12 +15,16 @@ at the depth d gives the secant stiffness f/d, by which DEPTH_SHARE of the cap l
 d DEPTH_SHARE cap/f: the target goes no deeper, and above the cap it is at once at least a step of
 the retreat in front of the tool. A wall that stiffens with depth is far steeper ahead than its
 secant, so the tool goes no further than the slope that was measured last, taken AHEAD times, leaves
-room for, by the force as it will be once a command has turned the drive. That slope sets the pace
-alone: wherever it is more than half of the true one, the force settles at the same share of the
-cap. Steeper slopes and secants count at once, softer ones as their memory fades: while the tool
-draws back, damping makes the wall look soft. No guard can prevent the force of a wall that
-becomes stiffer around the tool, or the depth added until a sample shows it and the drive, commanded
-to go in at v, has reversed: F <= max(cap, F_found + k v t_turn).
+room for, by the force as it will be once a command has turned the drive. A tool that moves at v
+goes v TURN_S further whatever is commanded, so the command uses what is left of that room no faster
+than in TURN_S: at a jump of the target, a locking foam is met slowly enough to be turned in. The
+slope sets the pace alone: wherever it is more than half of the true one, the force settles at the
+same share of the cap. Steeper slopes and secants count at once, softer ones as their memory fades:
+while the tool draws back, damping makes the wall look soft. A slope fades only where another is
+measured: a tool that stands at the cap learns nothing, and would ring each time it has forgotten.
+No guard can prevent the force of a wall that becomes stiffer around the tool, or the depth added
+until a sample shows it and the drive, commanded to go in at v, has reversed:
+F <= max(cap, F_found + k v t_turn).
 """
 
 from __future__ import annotations
@@ -54,13 +58,15 @@ def forget_walls(t: Tick) -> None:
     t.known_surface = t.hold_at = t.slope_from = math.nan
     t.met_contact = t.waiting_for = t.slope_place = 0
     t.secant = t.slope = t.slope_from_force = 0.0
+    t.slope_kept = 1.0
 
 
 @kernel
 def force_ahead(t: Tick, position: float, force: float) -> float:
     """Take in a sample; return the force that is there once a command has turned the tool.
 
-    `slope` is how steep the wall is where the tool is.
+    `slope` is how steep the wall is where the tool is. It has faded by `slope_kept` once there is
+    another to compare it with.
     """
     if math.isnan(t.slope_from):
         t.slope_from, t.slope_from_force = position, force
@@ -69,10 +75,11 @@ def force_ahead(t: Tick, position: float, force: float) -> float:
     before = t.forces[t.slope_place]
     t.forces[t.slope_place] = force
     t.slope_place = (t.slope_place + 1) % t.slope_count
-    t.slope *= t.fading
+    t.slope_kept *= t.fading
     moved = position - t.slope_from
     if abs(moved) >= t.slope_step:
-        t.slope = max(t.slope, (force - t.slope_from_force) / moved)
+        t.slope = max(t.slope * t.slope_kept, (force - t.slope_from_force) / moved)
+        t.slope_kept = 1.0
         t.slope_from, t.slope_from_force = position, force
     return float(force + max(0.0, force - before - t.slope_noticed))
 
@@ -128,7 +135,8 @@ def guarded(
     steep = max(t.slope, t.secant)
     if steep > 0.0 and ahead > PROBING_SHARE * t.force_cap:
         room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
-        target = min(target, position + room)
+        left = position + room - command
+        target = min(target, command + (left * t.turn_share if left > 0.0 else left))
     if probing and force > PROBING_SHARE * t.force_cap:
         target = min(target, command)
     if force > t.force_cap:
@@ -194,6 +202,7 @@ class ContactGuard:
         tick.tolerance = UNEXPECTED_SHARE * axis_range
         tick.slope_step, tick.slope_noticed = SLOPE_SHARE * axis_range, RISE_SHARE * force_cap
         tick.slope_count = max(1, round(TURN_S / period_s))
+        tick.turn_share = min(1.0, period_s / TURN_S)
         self.reset()
 
     def reset(self) -> None:

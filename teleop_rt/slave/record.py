@@ -43,6 +43,7 @@ class Tick:
     tolerance: float
     slope_step: float
     slope_noticed: float
+    turn_share: float
     catch_up_speed: float
     homing_step: float
     has_zeros: int
@@ -114,6 +115,7 @@ class Tick:
     secant: float
     slope: float
     slope_place: int
+    slope_kept: float
     slope_count: int
     slope_from: float
     slope_from_force: float
