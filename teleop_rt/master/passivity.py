@@ -32,11 +32,14 @@ of 30 Hz that is 0.92 to 0.99 of the bound; with a raw difference it would be ha
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from teleop_rt.jit import bound, kernel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -75,30 +78,71 @@ class Port:
     force_scale: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Need:
-    """Requirement of a unit of K or of B on the device's damping at each tone.
+_A, _D, _RE, _IM = range(4)
+"""Rows of a need (4, tones): a unit of K or of B asks for so much of the device's damping.
 
-    A Hermitian matrix [[a, c], [c*, d]] a tone: the damping must exceed its largest eigenvalue.
+They are a Hermitian matrix [[a, c], [c*, d]] a tone, c in two parts: the damping must exceed its
+largest eigenvalue.
+"""
+
+
+@kernel
+def needed(of_stiffness: Array, of_damping: Array, stiffness: float, damping: float) -> float:
+    """Return the device's damping that K and B need at the worst tone."""
+    most = -math.inf
+    for tone in range(of_stiffness.shape[1]):
+        k, m = of_stiffness[:, tone], of_damping[:, tone]
+        a = stiffness * k[_A] + damping * m[_A]
+        d = stiffness * k[_D] + damping * m[_D]
+        size = math.hypot(
+            stiffness * k[_RE] + damping * m[_RE], stiffness * k[_IM] + damping * m[_IM]
+        )
+        half = 0.5 * (a - d)
+        most = max(most, 0.5 * (a + d) + math.sqrt(half * half + size * size))
+    return most
+
+
+@kernel
+def damping_within(
+    of_stiffness: Array, of_damping: Array, available: float, stiffness: float
+) -> float:
+    """Return the largest B beside a K for which b - K k - B m is positive at every tone.
+
+    At each tone it is the smallest root above 0 of a determinant, a parabola in B.
     """
+    most = math.inf
+    for tone in range(of_stiffness.shape[1]):
+        k, m = of_stiffness[:, tone], of_damping[:, tone]
+        left_a, left_d = available - stiffness * k[_A], available - stiffness * k[_D]
+        re, im = stiffness * k[_RE], stiffness * k[_IM]
+        size, own = math.hypot(re, im), math.hypot(m[_RE], m[_IM])
+        constant = left_a * left_d - size * size
+        if not constant > 0.0:
+            return 0.0
+        linear = -(left_a * m[_D] + left_d * m[_A]) - 2 * (re * m[_RE] + im * m[_IM])
+        square = m[_A] * m[_D] - own * own
+        under = linear * linear - 4 * square * constant
+        if under < 0.0:
+            continue
+        stable = -0.5 * (linear + math.copysign(math.sqrt(under), linear))
+        if square != 0.0 and stable / square >= 0.0:
+            most = min(most, stable / square)
+        if stable > 0.0:
+            most = min(most, constant / stable)
+    return most
 
-    a: Array
-    d: Array
-    c: Complex
 
-    def largest(self) -> float:
-        """Return the damping needed at the worst tone."""
-        half = 0.5 * (self.a - self.d)
-        return float((0.5 * (self.a + self.d) + np.sqrt(half**2 + np.abs(self.c) ** 2)).max())
-
-    def plus(self, factor: float, other: _Need) -> _Need:
-        """Return the sum with a multiple of another."""
-        a, d = self.a + factor * other.a, self.d + factor * other.d
-        return _Need(a, d, self.c + factor * other.c)
-
-    def times(self, factor: float) -> _Need:
-        """Return a multiple."""
-        return _Need(factor * self.a, factor * self.d, factor * self.c)
+@kernel
+def damping_within_alike(
+    of_stiffness: Array, of_damping: Array, available: float, stiffness: float
+) -> float:
+    """Return the same where one number a tone, a, says it all."""
+    most = math.inf
+    for tone in range(of_stiffness.shape[1]):
+        if of_damping[_A, tone] > 0.0:
+            left = available - stiffness * of_stiffness[_A, tone]
+            most = min(most, left / of_damping[_A, tone])
+    return max(0.0, most)
 
 
 class PassivityBound:
@@ -107,9 +151,11 @@ class PassivityBound:
     def __init__(self, port: Port) -> None:
         self.available = port.damping
         self._late_s = port.delay_s + 0.5 * port.period_s
-        self._of_stiffness, self._of_damping = _needs(port)
-        self._per_stiffness = self._of_stiffness.largest()
-        self._lifted = bool(np.any(self._of_stiffness.c))
+        needs = _needs(port)
+        within = damping_within if np.any(needs[0][_RE:]) else damping_within_alike
+        self._needed = bound(needed, needs, 0.0, 0.0)
+        self._within = bound(within, needs, 0.0, 0.0)
+        self._per_stiffness = self._needed(1.0, 0.0)
         self.calmest = self._calmest()
 
     @property
@@ -127,8 +173,7 @@ class PassivityBound:
 
         The need is convex in B, so it is largest at an end.
         """
-        both = self._of_stiffness.times(stiffness).plus(damping, self._of_damping)
-        return max(stiffness * self._per_stiffness, both.largest())
+        return max(stiffness * self._per_stiffness, self._needed(stiffness, damping))
 
     def reduce(self, stiffness: float, damping: float) -> tuple[float, float]:
         """Return the largest rendered K and B: B is reduced first, K where that is not enough."""
@@ -169,28 +214,11 @@ class PassivityBound:
         return low * self.stiffness_max
 
     def damping_max(self, stiffness: float) -> float:
-        """Return the largest B beside a K that is within the bound.
-
-        It is where b - K k - B m first is not positive at some tone, k, m being their needs: at
-        each tone the smallest root above 0 of its determinant, a parabola in B.
-        """
-        k, m = self._of_stiffness.times(stiffness), self._of_damping
-        left_a, left_d = self.available - k.a, self.available - k.d
-        if not self._lifted:
-            rising = m.a > 0
-            return max(0.0, float((left_a[rising] / m.a[rising]).min(initial=np.inf)))
-        constant = left_a * left_d - np.abs(k.c) ** 2
-        linear = -(left_a * m.d + left_d * m.a) - 2 * (k.c * np.conj(m.c)).real
-        square = m.a * m.d - np.abs(m.c) ** 2
-        with np.errstate(divide="ignore", invalid="ignore"):
-            root = np.sqrt(linear**2 - 4 * square * constant)
-            stable = -0.5 * (linear + np.copysign(root, linear))
-            roots = np.stack((stable / square, constant / stable))
-        roots = np.where(np.isfinite(roots) & (roots >= 0), roots, np.inf)
-        return float(np.where(constant > 0, roots.min(axis=0), 0.0).min())
+        """Return the largest B beside a K that is within the bound."""
+        return self._within(self.available, stiffness)
 
 
-def _needs(port: Port) -> tuple[_Need, _Need]:
+def _needs(port: Port) -> tuple[Array, Array]:
     """Return what a unit of K and a unit of B need."""
     scale = port.position_scale * port.force_scale
     if port.velocity == "measured":
@@ -214,12 +242,13 @@ def _filtered(differentiator: Complex, theta: Array, port: Port) -> Complex:
     return filtered
 
 
-def _alike(share: Complex) -> _Need:
+def _alike(share: Complex) -> Array:
     """Return the need where one number a tone says it all."""
-    return _Need(share.real, share.real, np.zeros(share.shape, dtype=np.complex128))
+    nothing = np.zeros(share.shape)
+    return np.stack((share.real, share.real, nothing, nothing))
 
 
-def _lifted(gain: Complex, theta: Array, port: Port) -> _Need:
+def _lifted(gain: Complex, theta: Array, port: Port) -> Array:
     """Return the need of a gain behind the port's latency: of the motions before and after δ."""
     period_s, z = port.period_s, np.exp(1j * theta)
     whole = round(port.delay_s / period_s)
@@ -234,4 +263,4 @@ def _lifted(gain: Complex, theta: Array, port: Port) -> _Need:
     a: Array = -before * (np.conj(z) * work).real
     d: Array = -after * work.real
     c: Complex = -0.5 * np.sqrt(before * after) * (np.conj(z) * work + np.conj(work))
-    return _Need(a, d, c)
+    return np.stack((a, d, c.real, c.imag))
