@@ -78,11 +78,11 @@ class Port:
     force_scale: float = 1.0
 
 
-_A, _D, _RE, _IM = range(4)
-"""Rows of a need (4, tones): a unit of K or of B asks for so much of the device's damping.
+_A, _D, _RE, _IM, _SQUARE = range(5)
+"""Rows of a need (5, tones): a unit of K or of B asks for so much of the device's damping.
 
-They are a Hermitian matrix [[a, c], [c*, d]] a tone, c in two parts: the damping must exceed its
-largest eigenvalue.
+They are a Hermitian matrix [[a, c], [c*, d]] a tone, c in two parts, and |c|²: the damping must
+exceed its largest eigenvalue.
 """
 
 
@@ -94,11 +94,10 @@ def needed(of_stiffness: Array, of_damping: Array, stiffness: float, damping: fl
         k, m = of_stiffness[:, tone], of_damping[:, tone]
         a = stiffness * k[_A] + damping * m[_A]
         d = stiffness * k[_D] + damping * m[_D]
-        size = math.hypot(
-            stiffness * k[_RE] + damping * m[_RE], stiffness * k[_IM] + damping * m[_IM]
-        )
+        re = stiffness * k[_RE] + damping * m[_RE]
+        im = stiffness * k[_IM] + damping * m[_IM]
         half = 0.5 * (a - d)
-        most = max(most, 0.5 * (a + d) + math.sqrt(half * half + size * size))
+        most = max(most, 0.5 * (a + d) + math.sqrt(half * half + re * re + im * im))
     return most
 
 
@@ -114,13 +113,12 @@ def damping_within(
     for tone in range(of_stiffness.shape[1]):
         k, m = of_stiffness[:, tone], of_damping[:, tone]
         left_a, left_d = available - stiffness * k[_A], available - stiffness * k[_D]
-        re, im = stiffness * k[_RE], stiffness * k[_IM]
-        size, own = math.hypot(re, im), math.hypot(m[_RE], m[_IM])
-        constant = left_a * left_d - size * size
+        constant = left_a * left_d - stiffness * stiffness * k[_SQUARE]
         if not constant > 0.0:
             return 0.0
-        linear = -(left_a * m[_D] + left_d * m[_A]) - 2 * (re * m[_RE] + im * m[_IM])
-        square = m[_A] * m[_D] - own * own
+        both = stiffness * (k[_RE] * m[_RE] + k[_IM] * m[_IM])
+        linear = -(left_a * m[_D] + left_d * m[_A]) - 2 * both
+        square = m[_A] * m[_D] - m[_SQUARE]
         under = linear * linear - 4 * square * constant
         if under < 0.0:
             continue
@@ -156,6 +154,7 @@ class PassivityBound:
         self._needed = bound(needed, needs, 0.0, 0.0)
         self._within = bound(within, needs, 0.0, 0.0)
         self._per_stiffness = self._needed(1.0, 0.0)
+        self._last = (-math.inf, 0.0)
         self.calmest = self._calmest()
 
     @property
@@ -214,8 +213,10 @@ class PassivityBound:
         return low * self.stiffness_max
 
     def damping_max(self, stiffness: float) -> float:
-        """Return the largest B beside a K that is within the bound."""
-        return self._within(self.available, stiffness)
+        """Return the largest B beside a K that is within the bound; asked twice, found once."""
+        if stiffness != self._last[0]:
+            self._last = stiffness, self._within(self.available, stiffness)
+        return self._last[1]
 
 
 def _needs(port: Port) -> tuple[Array, Array]:
@@ -245,7 +246,7 @@ def _filtered(differentiator: Complex, theta: Array, port: Port) -> Complex:
 def _alike(share: Complex) -> Array:
     """Return the need where one number a tone says it all."""
     nothing = np.zeros(share.shape)
-    return np.stack((share.real, share.real, nothing, nothing))
+    return np.stack((share.real, share.real, nothing, nothing, nothing))
 
 
 def _lifted(gain: Complex, theta: Array, port: Port) -> Array:
@@ -263,4 +264,4 @@ def _lifted(gain: Complex, theta: Array, port: Port) -> Array:
     a: Array = -before * (np.conj(z) * work).real
     d: Array = -after * work.real
     c: Complex = -0.5 * np.sqrt(before * after) * (np.conj(z) * work + np.conj(work))
-    return np.stack((a, d, c.real, c.imag))
+    return np.stack((a, d, c.real, c.imag, c.real**2 + c.imag**2))
