@@ -9,11 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any, cast
 
-from teleop_rt.axis import AxisFault, Sample
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.axis import NO_AXIS_FAULT, Sample
 from teleop_rt.config_device import EnablingSwitch
 from teleop_rt.config_rig import Limits
 from teleop_rt.config_supervision import UnsafeWord
+from teleop_rt.jit import bound, kernel
+from teleop_rt.kernel_record import record_type
 from teleop_rt.master import handle_faults as faults
 
 STALE_S = 0.010
@@ -35,6 +41,137 @@ ALIGN_S = 0.020
 """So long after power came on the drive's zero is taken to be the encoder's."""
 
 
+Window = NDArray[np.float64]
+_NO_FAULT, _DEVICE, _NOT_ENABLED = faults.NO_FAULT.code, faults.DEVICE.code, faults.NOT_ENABLED.code
+_STALE, _RELEASED, _FORCE_OFF = faults.STALE.code, faults.RELEASED.code, faults.FORCE_OFF.code
+_OVERSPEED, _END_OF_TRAVEL = faults.OVERSPEED.code, faults.END_OF_TRAVEL.code
+_POSITION_OFF = faults.POSITION_OFF.code
+
+
+class Watched:
+    """Fields of the watch's record: what the device is and has, then what has been seen."""
+
+    period_s: float
+    position_min: float
+    position_max: float
+    velocity_max: float
+    force_max: float
+    apart_max: float
+    has_switch: int
+    has_position: int
+    has_force: int
+    stale_s: float
+    waiting_s: float
+    off_s: float
+    enabled: int
+    apart: float
+    powered_s: float
+    place: int
+
+
+WATCHED_TYPE = record_type(Watched)
+StoredWatch = NDArray[np.record]
+
+
+@kernel
+def extremes(window: Window) -> tuple[float, float]:
+    """Return the least and the largest of the recent commands."""
+    least = most = window[0]
+    for asked in window:
+        least, most = min(least, asked), max(most, asked)
+    return least, most
+
+
+@kernel
+def is_off(w: Watched, least: float, most: float, force: float) -> bool:
+    """Return whether the motor's force has not been what was commanded for too long."""
+    if w.has_force == 0:
+        return False
+    slack = FORCE_SHARE * w.force_max
+    off = not least - slack <= force <= most + slack
+    w.off_s = w.off_s + w.period_s if off else 0.0
+    return w.off_s >= FORCE_OFF_S
+
+
+@kernel
+def is_elsewhere(w: Watched, position: float, drive: float) -> bool:
+    """Return whether the drive has moved another way than the encoder since it has power."""
+    if w.has_position == 0:
+        return False
+    w.powered_s += w.period_s
+    if w.powered_s <= ALIGN_S:
+        w.apart = position - drive
+    return not abs(position - drive - w.apart) <= w.apart_max
+
+
+@kernel
+def judge_motion(w: Watched, position: float, velocity: float) -> int:
+    """Return the fault of a device that is too fast or has left its travel."""
+    if not abs(velocity) <= OVERSPEED * w.velocity_max:
+        return _OVERSPEED
+    inside = w.position_min <= position <= w.position_max
+    return _NO_FAULT if inside else _END_OF_TRAVEL
+
+
+@kernel
+def judge_enabled(
+    w: Watched,
+    window: Window,
+    closed: bool,
+    position: float,
+    velocity: float,
+    drive_position: float,
+    drive_force: float,
+) -> int:
+    """Return the fault of a device under power."""
+    w.enabled = 1
+    if w.stale_s >= STALE_S - 0.5 * w.period_s:
+        return _STALE
+    least, most = extremes(window)
+    if w.has_switch > 0 and not closed and (least < 0.0 or most > 0.0):
+        return _RELEASED
+    if is_off(w, least, most, drive_force):
+        return _FORCE_OFF
+    found = judge_motion(w, position, velocity)
+    if is_elsewhere(w, position, drive_position) and found == _NO_FAULT:
+        return _POSITION_OFF
+    return found
+
+
+@kernel
+def judge(
+    stored: StoredWatch,
+    window: Window,
+    valid: bool,
+    enabled: bool,
+    closed: bool,
+    failed: bool,
+    position: float,
+    velocity: float,
+    drive_position: float,
+    drive_force: float,
+) -> int:
+    """Return the fault in a cycle's sample; a quantity that is missing is not a number."""
+    w: Any = stored[0]
+    w.stale_s = 0.0 if valid else w.stale_s + w.period_s
+    if failed:
+        return _DEVICE
+    if enabled:
+        return judge_enabled(w, window, closed, position, velocity, drive_position, drive_force)
+    w.waiting_s += w.period_s
+    missing = w.enabled > 0 or w.waiting_s > ENABLING_S
+    return _NOT_ENABLED if missing else _NO_FAULT
+
+
+@kernel
+def note_command(stored: StoredWatch, window: Window, force: float) -> None:
+    """Note the force that was asked for; without power, none."""
+    w: Any = stored[0]
+    asked = force if w.enabled > 0 and math.isfinite(force) else 0.0
+    window[w.place] = max(-w.force_max, min(w.force_max, asked))
+    w.place = (w.place + 1) % len(window)
+
+
 class HandleWatch:
     """Judges a device's samples; `fault` is the first thing found wrong.
 
@@ -49,24 +186,28 @@ class HandleWatch:
         switch: EnablingSwitch = "none",
         lacks: Mapping[UnsafeWord, str] = MappingProxyType({}),
     ) -> None:
-        self._limits = limits
-        self._lacks = lacks
-        self._has_position = "position_comparison" not in lacks
-        self._has_force = "force_comparison" not in lacks
-        self._position_max = POSITION_SHARE * (limits.position_max - limits.position_min)
-        self._period_s = period_s
-        self._switch = switch
-        self._window = [0.0] * max(2, round(FORCE_WINDOW_S / period_s))
+        self._limits, self._lacks, self._switch = limits, lacks, switch
+        stored: StoredWatch = np.zeros(1, WATCHED_TYPE)
+        self._watched = w = cast("Watched", stored[0])
+        w.period_s, w.force_max, w.velocity_max = period_s, limits.force_max, limits.velocity_max
+        w.position_min, w.position_max = limits.position_min, limits.position_max
+        w.apart_max = POSITION_SHARE * (limits.position_max - limits.position_min)
+        w.has_switch = switch != "none"
+        w.has_position = "position_comparison" not in lacks
+        w.has_force = "force_comparison" not in lacks
+        self._window: Window = np.zeros(max(2, round(FORCE_WINDOW_S / period_s)))
+        flags, numbers = (False,) * 4, (0.0,) * 4
+        self._judge = bound(judge, (stored, self._window), *flags, *numbers)
+        self._note_command = bound(note_command, (stored, self._window), 0.0)
         self.reset()
 
     def reset(self) -> None:
         """Forget every fault."""
         self.fault = faults.NO_FAULT
-        self._stale_s = self._waiting_s = self._off_s = 0.0
-        self._enabled = False
-        self._difference = self._powered_s = 0.0
-        self._at = 0
-        self._window[:] = [0.0] * len(self._window)
+        w = self._watched
+        w.stale_s = w.waiting_s = w.off_s = w.apart = w.powered_s = 0.0
+        w.enabled = w.place = 0
+        self._window[:] = 0.0
 
     @property
     def travel(self) -> tuple[float, float]:
@@ -85,64 +226,22 @@ class HandleWatch:
 
     def commanded(self, force: float) -> None:
         """Note the force along x that was asked for in this cycle; without power, none."""
-        most = self._limits.force_max
-        asked = force if self._enabled and math.isfinite(force) else 0.0
-        self._window[self._at] = max(-most, min(most, asked))
-        self._at = (self._at + 1) % len(self._window)
+        self._note_command(force)
 
     def update(self, sample: Sample, velocity: float) -> None:
         """Judge a cycle's sample, and the velocity that came out of it."""
-        if self.fault is faults.NO_FAULT:
-            self._stale_s = 0.0 if sample.valid else self._stale_s + self._period_s
-            self.fault = self._judge(sample, velocity)
-
-    def _judge(self, sample: Sample, velocity: float) -> faults.HandleFault:
-        if sample.fault is not AxisFault.NONE:
-            return faults.DEVICE
-        if not sample.enabled:
-            self._waiting_s += self._period_s
-            missing = self._enabled or self._waiting_s > ENABLING_S
-            return faults.NOT_ENABLED if missing else faults.NO_FAULT
-        return self._judge_enabled(sample, velocity)
-
-    def _judge_enabled(self, sample: Sample, velocity: float) -> faults.HandleFault:
-        self._enabled = True
-        if self._stale_s >= STALE_S - 0.5 * self._period_s:
-            return faults.STALE
-        if self._switch != "none" and not sample.switch and any(self._window):
-            return faults.RELEASED
-        if self._is_off(sample.drive_force):
-            return faults.FORCE_OFF
-        found = self._judge_motion(sample.position, velocity)
-        if self._is_elsewhere(sample) and found is faults.NO_FAULT:
-            return faults.POSITION_OFF
-        return found
-
-    def _is_elsewhere(self, sample: Sample) -> bool:
-        """Return whether the drive has moved another way than the encoder since it has power."""
-        if not self._has_position:
-            return False
-        drive = math.nan if sample.drive_position is None else sample.drive_position
-        difference = sample.position - drive
-        self._powered_s += self._period_s
-        if self._powered_s <= ALIGN_S:
-            self._difference = difference
-        return not abs(difference - self._difference) <= self._position_max
-
-    def _judge_motion(self, position: float, velocity: float) -> faults.HandleFault:
-        limits = self._limits
-        if not abs(velocity) <= OVERSPEED * limits.velocity_max:
-            return faults.OVERSPEED
-        inside = limits.position_min <= position <= limits.position_max
-        return faults.NO_FAULT if inside else faults.END_OF_TRAVEL
-
-    def _is_off(self, force: float | None) -> bool:
-        """Return whether the motor's force has not been what was commanded for too long."""
-        if not self._has_force:
-            return False
-        if force is None:
-            force = math.nan
-        slack = FORCE_SHARE * self._limits.force_max
-        off = not min(self._window) - slack <= force <= max(self._window) + slack
-        self._off_s = self._off_s + self._period_s if off else 0.0
-        return self._off_s >= FORCE_OFF_S
+        if self.fault is not faults.NO_FAULT:
+            return
+        position, force = sample.drive_position, sample.drive_force
+        found = self._judge(
+            sample.valid,
+            sample.enabled,
+            sample.switch,
+            sample.fault is not NO_AXIS_FAULT,
+            sample.position,
+            velocity,
+            math.nan if position is None else position,
+            math.nan if force is None else force,
+        )
+        if found:
+            self.fault = faults.HANDLE_FAULTS[found]

@@ -141,7 +141,7 @@ def play(row: HandleRow) -> HandleOutcome:
     """Push, harm, and see the force go and stay away."""
     handle = HandleBench(row.trial, row.changes)
     if row.inject is release:
-        handle.operator._key, handle.watch._switch = HeldSwitch(), "switch"
+        handle.operator._key, handle.watch._watched.has_switch = HeldSwitch(), 1
     handle.update(row.push_N, 60)
     if abs(handle.plant.servo_force + row.push_N) > 0.3:
         return HandleOutcome(0, handle.watch.fault.name, "it did not push to begin with")
