@@ -10,7 +10,7 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
-from teleop_rt.interrupts import INTERRUPTS, interrupt, interrupted
+from teleop_rt.interrupts import INTERRUPTED, INTERRUPTS, interrupt, interrupted
 
 FAULT = 1
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
@@ -39,7 +39,7 @@ def main() -> None:
         command_line()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        sys.exit(FAULT)
+        sys.exit(INTERRUPTED)
     finally:
         for number in INTERRUPTS:
             signal.signal(number, signal.SIG_IGN)

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from types import FrameType
 
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+INTERRUPTED = 130
+"""Exit code of a command that an interrupt ended: a shell's, of a program ended by SIGINT."""
 _came: list[int] = []
 
 
@@ -15,6 +17,11 @@ def interrupt(number: int, _frame: FrameType | None) -> None:
     """Interrupt what the main thread does, as a handler of a signal. Raises KeyboardInterrupt."""
     _came.append(number)
     raise KeyboardInterrupt
+
+
+def interruptions() -> int:
+    """Return how often this process was interrupted, be it handled or not."""
+    return len(_came)
 
 
 def interrupted() -> bool:
@@ -56,13 +63,14 @@ def deferred_interrupts() -> Iterator[None]:
 
 
 class Interrupts:
-    """Turns the first SIGINT, SIGTERM or SIGHUP into KeyboardInterrupt and ignores the rest.
+    """Turns the first SIGINT, SIGTERM or SIGHUP into KeyboardInterrupt and holds the rest.
 
     Inside, what has to be finished after an interrupt is not interrupted again.
     """
 
     def __enter__(self) -> Interrupts:
         """Take the signals over."""
+        self._began = interruptions()
         self._before = [signal.signal(number, self._raise) for number in INTERRUPTS]
         return self
 
@@ -71,11 +79,19 @@ class Interrupts:
         for number, handler in zip(INTERRUPTS, self._before, strict=True):
             signal.signal(number, handler)
 
-    def ignore(self) -> None:
-        """Let nothing interrupt what comes now."""
+    @property
+    def came(self) -> bool:
+        """Whether an interrupt has come inside, be it raised or held."""
+        return interruptions() > self._began
+
+    def hold(self) -> None:
+        """Let nothing interrupt what comes now; `came` says whether something wanted to."""
         for number in INTERRUPTS:
-            signal.signal(number, signal.SIG_IGN)
+            signal.signal(number, self._note)
 
     def _raise(self, number: int, frame: FrameType | None) -> None:
-        self.ignore()
+        self.hold()
         interrupt(number, frame)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        _came.append(number)

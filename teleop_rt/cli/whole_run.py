@@ -29,7 +29,7 @@ from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
 from teleop_rt.extras import install_command
-from teleop_rt.interrupts import Interrupts
+from teleop_rt.interrupts import INTERRUPTED, Interrupts
 from teleop_rt.jit import kernel_folder
 from teleop_rt.link import packet_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
@@ -54,7 +54,6 @@ from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.simulated.plant import Plant
 from teleop_rt_drivers.simulated.reference import environment_force
 
-_INTERRUPTED = 130  # exit code of a command that SIGINT ended, as of a shell
 _NOT_BEGUN = "interrupted before the trial began"
 _NO_CACHE = (
     "no folder can be written for what is compiled: it is compiled again in each run, which takes"
@@ -83,7 +82,7 @@ def run_and_print(
                     _stay()
         except KeyboardInterrupt:
             print(_NOT_BEGUN, file=sys.stderr)
-            raise typer.Exit(FAULT) from None
+            raise typer.Exit(INTERRUPTED) from None
         _finish(summary, failure)
 
 
@@ -169,9 +168,9 @@ def _run(
                 side = partial(run_side, trial, trial_file)
                 reached_by = registry.reached_by(trial.rig)
                 outcome, failure = run_processes(
-                    trial, side, folder, progress, reached_by, interrupts.ignore
+                    trial, side, folder, progress, reached_by, interrupts.hold
                 )
-        interrupts.ignore()
+        interrupts.hold()
         if outcome["interrupted"]:
             print("interrupted: the axis is off; writing summary and report", file=sys.stderr)
         reference = environment_force if trial.plant is not None else None
@@ -213,12 +212,12 @@ def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Ma
             _, summary, failure = _run(trial, trial_file, ClockName(clock), folder, interrupts)
         except KeyboardInterrupt:
             print(f"{_NOT_BEGUN}; nothing further is run", file=sys.stderr)
-            raise typer.Exit(_INTERRUPTED) from None
+            raise typer.Exit(INTERRUPTED) from None
     _finish(summary, failure)
-    if summary["interrupted"]:  # what comes next would rest on a part of the trial
+    if summary["interrupted"] or interrupts.came:  # also while summary and report were written
         print(
             f"interrupted: {folder} keeps what was recorded; nothing further is run",
             file=sys.stderr,
         )
-        raise typer.Exit(_INTERRUPTED)
+        raise typer.Exit(INTERRUPTED)
     return summary

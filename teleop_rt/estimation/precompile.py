@@ -19,14 +19,12 @@ import numba
 from teleop_rt.estimation import cycle
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.layout import Whole
+from teleop_rt.interrupts import INTERRUPTED, INTERRUPTS
 from teleop_rt.jit import kernel_folder, load_compiler
 
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(index.new_state()[0])
 _FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_INTERRUPTED = 1
-"""Exit code, as of any command that was interrupted."""
 _SAMPLE = (numba.float64, numba.float64, numba.boolean)
 
 
@@ -73,13 +71,13 @@ def _ended_at_once(second: ForkProcess) -> Iterator[None]:
             if second.pid is not None:
                 second.kill()
             print("interrupted: run again, what is compiled is kept", file=sys.stderr, flush=True)
-        os._exit(_INTERRUPTED)
+        os._exit(INTERRUPTED)
 
-    before = [signal.signal(number, leave) for number in _SIGNALS]
+    before = [signal.signal(number, leave) for number in INTERRUPTS]
     try:
         yield
     finally:
-        for number, handler in zip(_SIGNALS, before, strict=True):
+        for number, handler in zip(INTERRUPTS, before, strict=True):
             signal.signal(number, handler)
 
 

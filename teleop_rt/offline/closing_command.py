@@ -18,6 +18,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.errors import RecordingError
+from teleop_rt.interrupts import interruptions
 from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.commands import print_draft, print_effects
@@ -69,10 +70,12 @@ def close_and_print(
     RecordingError.
     """
     begun, residuals = time.perf_counter(), None
+    interruptions_before = interruptions()
     with steps("diagnosis", quiet=as_json) as shown:
         if asked.trial_file is not None and asked.recording is None and asked.test is None:
 
             def run_shown(trial_file: Path, changes: list[str], clock: Clock, into: Path) -> Any:
+                _end_if_interrupted_after(interruptions_before)
                 with shown.phase(_PHASES[into.name]):
                     return run(trial_file, changes, clock, into)
 
@@ -81,6 +84,7 @@ def close_and_print(
             folder, answer, residuals = _on_recordings(asked, asked.recording, asked.test)
         else:
             raise RecordingError("give a trial, or both --recording and --test")
+    _end_if_interrupted_after(interruptions_before)
     answer["seconds"] = round(time.perf_counter() - begun, 1)
     answer["phases"] = shown.taken
     answer["finished_at"] = datetime.now().astimezone().isoformat(timespec="seconds")
@@ -91,6 +95,12 @@ def close_and_print(
         print(json.dumps(plain_json(answer)))
     else:
         _show(output(), answer, folder)
+
+
+def _end_if_interrupted_after(before: int) -> None:
+    """Raise KeyboardInterrupt where one came, and was lost in a call from compiled code."""
+    if interruptions() > before:
+        raise KeyboardInterrupt
 
 
 def _write_page(

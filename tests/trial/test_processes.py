@@ -219,7 +219,7 @@ def test_an_interrupt_at_start_up_leaves_nothing_behind(tmp_path):
         time.sleep(0.02)
     running.process.send_signal(signal.SIGTERM)
     code, errors = running.end()
-    assert (code, errors) == (1, "interrupted before the trial began\n")
+    assert (code, errors) == (130, "interrupted before the trial began\n")
     assert not running.out.exists()
     assert not running.children()
     assert not list(SHARED_MEMORY.glob(f"teleop-rt-{running.process.pid}-*"))

@@ -43,7 +43,7 @@ def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_fa
     supervisor = Ending(end)
     with Interrupts() as interrupts:
         outcome, failure = module._run(
-            trial, supervisor, Child("recorder", None), print, lambda _: None, interrupts.ignore
+            trial, supervisor, Child("recorder", None), print, lambda _: None, interrupts.hold
         )
     at_once = ["master"] if end is None else []  # in good order: nobody leads it any more
     assert supervisor.ended == [*at_once, "slave", "master", "sim", "recorder"]
