@@ -23,6 +23,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.master.leash import Leash
 from teleop_rt.master.master import Master
+from teleop_rt.master.wall_limiter import WallLimiter
 from teleop_rt.master.walls import NO_WALL, Wall
 from teleop_rt_dev.hands.ideal import STEPS, Array, IdealWall, ideal_motion
 from teleop_rt_dev.hands.oscillation import IDEAL_SHARE, SUSTAINED, Swings
@@ -49,8 +50,14 @@ class Rendered:
 
     def __init__(self) -> None:
         self.ticks: list[Tick] = []
-        self.grip = 0.0, 0.0
+        self._limiter: WallLimiter | None = None
         self._waits_at = 0.0
+        self._calmed = NO_WALL, NO_WALL
+
+    @property
+    def grip(self) -> tuple[float, float]:
+        """Stiffness and damping of the leash's brake at the end of the run."""
+        return (0.0, 0.0) if self._limiter is None else self._limiter.grip
 
     def note(self, master: Master) -> None:
         """Note a tick."""
@@ -63,9 +70,17 @@ class Rendered:
             self._waits_at = master.hand
         if adoption.newest is not NO_WALL:
             leads_from = float("inf")
-        old, new = (replace(wall, calming=0.0) for wall in (adoption.old, adoption.new))
+        old, new = self._calm(adoption.old), self._calm(adoption.new)
         self.ticks.append(Tick(old, new, adoption.weight, offset, leads_from))
-        self.grip = master.limiter.grip
+        self._limiter = master.limiter
+
+    def _calm(self, wall: Wall) -> Wall:
+        """Return a wall without calming: the same object again while it is the same wall."""
+        if wall.calming == 0.0:
+            return wall
+        if wall is not self._calmed[0]:
+            self._calmed = wall, replace(wall, calming=0.0)
+        return self._calmed[1]
 
 
 class StaysAsItWas:
