@@ -267,6 +267,38 @@ def test_swings_are_the_hands_own_where_the_same_hand_makes_them_on_a_wall_that_
     assert bool(left) is not own
 
 
+@pytest.mark.parametrize(
+    ("share", "hz", "begins_s", "lasts_s", "own"),
+    [
+        (0.9, 6.0, 1.0, 1.0, True),
+        (0.5, 6.0, 1.0, 1.0, False),
+        (0.9, 12.0, 1.0, 1.0, False),
+        (0.9, 6.0, 2.5, 1.0, False),
+        (0.9, 6.0, 1.0, 0.5, False),
+    ],
+    ids=["alike", "smaller", "faster", "later", "shorter"],
+)
+def test_a_row_of_the_hands_in_another_phase_counts_where_it_is_alike(
+    monkeypatch, share, hz, begins_s, lasts_s, own
+):
+    def swings(size, hz, begins_s, lasts_s, phase=0.0):
+        t = np.arange(4000) * T
+        there = (t >= begins_s) & (t < begins_s + lasts_s)
+        return 0.5 * size * np.sin(2 * np.pi * hz * (t - begins_s) + phase) * there
+
+    def ideal(*_):
+        made = swings(share * 1e-3, hz, begins_s, lasts_s, 1.5)
+        return made, 3000.0 * made
+
+    monkeypatch.setattr(same_hand, "ideal_motion", ideal)
+    position = swings(1e-3, 6.0, 1.0, 1.0)
+    seen = position, 3000.0 * position
+    row = max(rows_of(*seen, T), key=lambda row: row.swings)
+    assert row.swings >= campaign_hands.SUSTAINED
+    path = rendered_path(np.full(4000, 0.005))
+    assert same_hand.is_own(row, rows_of, trial_of(2), path, *seen) is own
+
+
 def test_a_hand_without_a_wall_that_changes_is_judged_by_its_own_taps():
     """Its second judge's row of 8 swings is what the same hand does on one unchanging wall."""
     found = campaign_hands.run(540102, 6.0)

@@ -7,9 +7,9 @@ the swings. From there on it has one wall, which never changes: that of this mom
 end of the swings, where they begin with a first touch. No model, no offset, no news, no sampling
 and no latency has a part in it; the wall stays, or moves on as the body does by itself. What the
 hand does there is its own share. Swings are its own where it makes a row there at that time, as
-long and as fast and about as large, or where nothing sustained remains once its motion there is
-subtracted. The first finds a hand that bounces in its own rhythm, whose motions drift apart by a
-touch that was earlier; the second finds tremor, of which five swings in a row are chance.
+long and as fast and about as large, or where little and nothing sustained remains once its motion
+there is subtracted. The first finds a hand that bounces in its own rhythm, whose motions drift
+apart by a touch that was earlier; the second finds tremor, of which five swings are chance.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeVar
+
+import numpy as np
+from scipy.signal import detrend
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.master.engagement import LinkState
@@ -32,6 +35,10 @@ from teleop_rt_dev.hands.stranger import SAME_PITCH, Shaken, shaken
 Row = TypeVar("Row", Shaken, Swings)
 AROUND_S = 0.5
 """Swings count as those that were seen where they end within so long of them."""
+REMAINS = 0.7
+"""Of a motion's deviation: more than half of its power is gone with the hand's own. Without it the
+sum of two motions that have nothing to do with each other, which is irregular, would acquit.
+"""
 
 
 @dataclass(frozen=True)
@@ -160,8 +167,11 @@ def is_own(
         for with_body in (False, True)[: 1 + moves]:
             wall = StaysAsItWas(trial, rendered, begins_s, stays_s, with_body=with_body)
             own, force = ideal_motion(trial, wall)
-            left = judge(position[: own.size] - own, motor[: own.size], period_s)
-            if not any(_at_once(one, row) for one in left):
+            rest = position[: own.size] - own
+            left = judge(rest, motor[: own.size], period_s)
+            during = slice(round(begins_s / period_s), round(row.ends_s / period_s) + 1)
+            little = np.std(detrend(rest[during])) < REMAINS * np.std(detrend(position[during]))
+            if little and not any(_at_once(one, row) for one in left):
                 return True
             if any(_at_once(one, row) and _covers(one, row) for one in judge(own, force, period_s)):
                 return True
