@@ -26,9 +26,9 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import RecordingError
+from teleop_rt_dev.diagnosis.foreign_effects import NAMES as FOREIGN_NAMES
 from teleop_rt_dev.diagnosis.foreign_motions import NARROW
 from teleop_rt_dev.diagnosis.foreign_plants import Foreign, foreign, moved_again
-from teleop_rt_dev.diagnosis.foreign_rigs import NAMES as FOREIGN_NAMES
 from teleop_rt_dev.diagnosis.motions import RATE_HZ
 from teleop_rt_dev.diagnosis.plants import MATERIALS, STRANGERS, Record, make
 from teleop_rt_dev.diagnosis.table import show, table

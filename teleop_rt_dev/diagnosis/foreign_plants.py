@@ -14,14 +14,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from teleop_rt_dev.diagnosis.foreign_effects import add
 from teleop_rt_dev.diagnosis.foreign_motions import MOTIONS, RATE_HZ, Array
-from teleop_rt_dev.diagnosis.foreign_rigs import (
-    MARGIN_S,
-    Rig,
-    add,
-    as_lever,
-    rig,
-)
+from teleop_rt_dev.diagnosis.foreign_rigs import MARGIN_S, Rig, as_lever, rig
 
 
 @dataclass
@@ -71,17 +66,7 @@ def foreign(
 ) -> Foreign:
     """Return a recording; the seed draws everything that is not given."""
     rng = np.random.default_rng([seed, 77])
-    drawn: dict[str, Any] = {
-        "size": float(np.exp(rng.uniform(np.log(0.03), np.log(0.3)))),
-        "noise": float(np.exp(rng.uniform(np.log(0.001), np.log(0.05)))),
-        "kind": str(rng.choice(["white", "white", "white", "white", "ar1", "pink"])),
-        "base": str(rng.choice(["kelvin-voigt", "kelvin-voigt", "hunt-crossley",
-                                "mass-spring-damper"])),
-        "motion": str(rng.choice(list(MOTIONS))),
-        "rate_hz": int(rng.choice([500, 1000, 1000, 2000])),
-        "seconds": float(rng.uniform(8.0, 14.0)),
-        "air": float(rng.uniform(0.15, 0.4)),
-    }  # fmt: skip
+    drawn = _drawn(rng)
     given = {"size": size, "noise": noise, "kind": kind, "base": base, "motion": motion,
             "rate_hz": rate_hz, "seconds": seconds, "air": air}  # fmt: skip
     drawn.update({key: value for key, value in given.items() if value is not None})
@@ -95,10 +80,7 @@ def foreign(
     every = RATE_HZ // drawn["rate_hz"]
     clean = recorded(r.force(), every)
     sigma = drawn["noise"] * float(np.std(plain))
-    noise_row = sigma * noise_of(rng, drawn["kind"], clean.size)
-    if "outliers" in effects:
-        hit = rng.random(clean.size) < rng.uniform(1e-3, 8e-3)
-        noise_row = noise_row + hit * rng.standard_t(2, clean.size) * 40.0 * sigma
+    noise_row = _noise_row(rng, drawn["kind"], sigma, clean.size, outliers="outliers" in effects)
     bit = 0.0
     if rng.random() < 0.3:
         bit = 2.0 * float(np.max(np.abs(clean))) / 2 ** int(rng.choice([12, 14, 16]))
@@ -118,6 +100,32 @@ def foreign(
         plain=recorded(plain, every),
         rig=r,
     )
+
+
+def _drawn(rng: np.random.Generator) -> dict[str, Any]:
+    """Return what a recording is made of, where it is not given."""
+    return {
+        "size": float(np.exp(rng.uniform(np.log(0.03), np.log(0.3)))),
+        "noise": float(np.exp(rng.uniform(np.log(0.001), np.log(0.05)))),
+        "kind": str(rng.choice(["white", "white", "white", "white", "ar1", "pink"])),
+        "base": str(rng.choice(["kelvin-voigt", "kelvin-voigt", "hunt-crossley",
+                                "mass-spring-damper"])),
+        "motion": str(rng.choice(list(MOTIONS))),
+        "rate_hz": int(rng.choice([500, 1000, 1000, 2000])),
+        "seconds": float(rng.uniform(8.0, 14.0)),
+        "air": float(rng.uniform(0.15, 0.4)),
+    }  # fmt: skip
+
+
+def _noise_row(
+    rng: np.random.Generator, kind: str, sigma: float, n: int, *, outliers: bool
+) -> Array:
+    """Return the sensor's noise (n,) of this deviation, with outliers where they are asked for."""
+    row = sigma * noise_of(rng, kind, n)
+    if outliers:
+        hit = rng.random(n) < rng.uniform(1e-3, 8e-3)
+        row = row + hit * rng.standard_t(2, n) * 40.0 * sigma
+    return row
 
 
 def recorded(row: Array, every: int) -> Array:
