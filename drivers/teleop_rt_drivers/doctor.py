@@ -105,9 +105,8 @@ def examine_axis(
         if configure:
             axis.configure()
     except AxisError as error:
-        return [
-            Finding("error", str(error), "devices", "follow this message, then run doctor again")
-        ]
+        again = "follow this message, then run doctor again"
+        return [Finding("error", str(error), "devices", again)]
     sample = Sample()
     valid = np.zeros(cycles, dtype=bool)
     stamps = np.zeros(cycles, dtype=np.int64)

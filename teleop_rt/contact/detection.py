@@ -232,6 +232,22 @@ def meet_surface(
 
 
 @kernel
+def remember(
+    state: Vector, positions: Vector, forces: Vector, position: float, force: float
+) -> int:
+    """Write a sample into the rings positions and forces (HISTORY,); return its place there."""
+    if state[STARTED] == 0.0:
+        state[STARTED] = 1.0
+        state[ORIGIN] = position
+        state[VERIFIED_FREE] = -1e300
+    index = int(state[HISTORY_NEXT]) % HISTORY
+    positions[index] = position
+    forces[index] = force
+    state[HISTORY_NEXT] = index + 1.0
+    return index
+
+
+@kernel
 def detect(
     state: Vector,
     settings: Vector,
@@ -248,14 +264,7 @@ def detect(
     run that starts in contact has no surface until it lets go. An averaged force places the surface
     some samples later: FOUND.
     """
-    if state[STARTED] == 0.0:
-        state[STARTED] = 1.0
-        state[ORIGIN] = position
-        state[VERIFIED_FREE] = -1e300
-    index = int(state[HISTORY_NEXT]) % HISTORY
-    positions[index] = position
-    forces[index] = force
-    state[HISTORY_NEXT] = index + 1.0
+    index = remember(state, positions, forces, position, force)
     if state[SURFACE_FIXED] > 0.0:
         return detect_by_position(state, settings, position)
     state[ABOVE] = state[ABOVE] + 1.0 if force > settings[ONSET_FORCE] else 0.0

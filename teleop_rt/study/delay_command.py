@@ -26,7 +26,7 @@ from teleop_rt.study.sweep_commands import (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from teleop_rt.batch.workers import Result
+    from teleop_rt.batch.workers import Result, Workers
     from teleop_rt.study.delay import Gains, Grid
 
 Modes = Annotated[str, typer.Option("--mode", help="modes, comma-separated")]
@@ -55,7 +55,6 @@ def delay(
     Finished cells in the folder are kept: the same command resumes an interrupted study.
     """
     with bar("loading the study", counts=False):
-        from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
         from teleop_rt.study import delay as study  # noqa: PLC0415 - compiles and imports for seconds
 
     grid = study.Grid(
@@ -67,8 +66,15 @@ def delay(
     )
     workers = workers_of(jobs, scheduler)
     Console(stderr=True).print(study.forecast(grid, out, workers.count), highlight=False)
-    if dry_run:
-        return
+    if not dry_run:
+        _study(grid, out, workers, as_json=as_json)
+
+
+def _study(grid: Grid, out: Path, workers: Workers, *, as_json: bool) -> None:
+    """Run what the folder does not hold yet, write table and page, and print the result."""
+    from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
+    from teleop_rt.study import delay as study  # noqa: PLC0415 - as above
+
     folder = open_folder(out, "study delay")
     gains = study.find_gains(
         grid, lambda cases: run_cases("shares", folder, study.evaluate, cases, workers)

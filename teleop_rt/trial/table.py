@@ -169,10 +169,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *_worst(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", _adequacy(summary["adequacy"])),
-        (
-            "link",
-            f"{packets}, {refused}",
-        ),
+        ("link", f"{packets}, {refused}"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),
         *(("unsafe", sentence) for sentence in safety.get("unsafe") or ()),

@@ -94,25 +94,15 @@ def timing_chart(run: Run) -> Chart | None:
     deadline_us = run.period_s * 1e6
     largest = max(2.0 * deadline_us, *(float(values.max()) for values in shown.values()))
     edges: Array = np.geomspace(1.0, 1.01 * largest, 80, dtype=np.float64)
-    middles: Array = np.sqrt(edges[1:] * edges[:-1])
-    curves = []
-    for (name, values), colour in zip(shown.items(), (LIGHT.measured, LIGHT.target), strict=True):
-        counts, _ = np.histogram(np.maximum(values, edges[0]), bins=edges)
-        some = counts > 0
-        curves.append(
-            Curve(
-                label=name.removesuffix("_us").replace("_", " "),
-                x=middles[some],
-                y=counts[some].astype(np.float64),
-                colour=colour,
-                kind="bars",
-                bar_width=np.diff(edges)[some],
-                faint=True,
-            )
+    curves = tuple(
+        _bars(name.removesuffix("_us").replace("_", " "), values, edges, colour)
+        for (name, values), colour in zip(
+            shown.items(), (LIGHT.measured, LIGHT.target), strict=True
         )
+    )
     panel = Panel(
         ylabel="ticks",
-        curves=tuple(curves),
+        curves=curves,
         limits=(0.5, 2.0 * max(float(curve.y.max()) for curve in curves)),
         logarithmic=True,
         lines=(("deadline: the period", deadline_us),),
@@ -124,6 +114,21 @@ def timing_chart(run: Run) -> Chart | None:
         panels=(panel,),
         limits=(float(edges[0]), float(edges[-1])),
         logarithmic=True,
+    )
+
+
+def _bars(label: str, values: Array, edges: Array, colour: str) -> Curve:
+    """Return a histogram of the values (n,) in bins with these edges, as wide as these are."""
+    counts, _ = np.histogram(np.maximum(values, edges[0]), bins=edges)
+    some = counts > 0
+    return Curve(
+        label=label,
+        x=np.sqrt(edges[1:] * edges[:-1])[some],
+        y=counts[some].astype(np.float64),
+        colour=colour,
+        kind="bars",
+        bar_width=np.diff(edges)[some],
+        faint=True,
     )
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
 import numpy as np
 
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
@@ -32,9 +36,20 @@ def agreement() -> list[float]:
     return worst.tolist()
 
 
+def _each(rows: Sequence[Any], samples: Sequence[Sequence[tuple[Any, float]]]) -> float:
+    """Return the time [s] that a tick takes rows of which each is stepped by itself."""
+
+    def work() -> None:
+        for sample in samples:
+            for reference, (p, target) in zip(rows, sample, strict=True):
+                reference.step(p, target)
+
+    return seconds(work) / len(samples)
+
+
 def run(rounds: int) -> list[Row]:
     phi, y = regressions(SAMPLES)
-    one, plain, objects, n = bank(), oracles(), numpy_rows(), sizes()
+    one, n = bank(), sizes()
     ticks = [(phi[i], y[i]) for i in range(SAMPLES)]
     lists = [
         [(phi[i, r, : n[r]].tolist(), float(y[i, r])) for r in range(len(n))]
@@ -49,22 +64,12 @@ def run(rounds: int) -> list[Row]:
         for p, target in ticks:
             one.step(p, target)
 
-    def pure() -> None:
-        for samples in lists:
-            for reference, (p, target) in zip(plain, samples, strict=True):
-                reference.step(p, target)
-
-    def stacked() -> None:
-        for samples in arrays:
-            for reference, (p, target) in zip(objects, samples, strict=True):
-                reference.step(p, target)
-
     times = interleave(
         rounds,
         [
             lambda: seconds(ours) / SAMPLES,
-            lambda: seconds(pure) / ORACLE_SLICE,
-            lambda: seconds(stacked) / NUMPY_SLICE,
+            partial(_each, oracles(), lists),
+            partial(_each, numpy_rows(), arrays),
         ],
     )
     return [

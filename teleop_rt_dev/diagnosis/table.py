@@ -36,13 +36,7 @@ def rate(rows: list[Row], hit: str) -> dict[str, Any]:
 def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
     """Return the quantities of the bar."""
     for r in rows:
-        truth, named = r["effects"], set(r["named"])
-        r["false_alarm"] = r["verdict"] != "no_missing_effect"
-        r["honest"] = (r["verdict"] in {"unexplained", "partial"} and not named) or r["own_family"]
-        r["one_of_pair"] = bool(named & set(truth))
-        r["spurious"] = len(named) > 1 and not named <= set(truth)
-        r["wrong_name"] = r["verdict"] == "named" and not r["covered"]
-        r["silent"] = r["verdict"] == "no_missing_effect"
+        _judge(r)
     group: dict[str, list[Row]] = defaultdict(list)
     for r in rows:
         group[r["group"]].append(r)
@@ -74,6 +68,17 @@ def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
         found[f"95 % intervals cover, noise {100 * level:g} %"] = rate(inside, "inside")
     found["figures"] = figures(rows, strong)
     return found
+
+
+def _judge(r: Row) -> None:
+    """Add to a row whether its answer is right, and in what it is wrong."""
+    truth, named = r["effects"], set(r["named"])
+    r["false_alarm"] = r["verdict"] != "no_missing_effect"
+    r["honest"] = (r["verdict"] in {"unexplained", "partial"} and not named) or r["own_family"]
+    r["one_of_pair"] = bool(named & set(truth))
+    r["spurious"] = len(named) > 1 and not named <= set(truth)
+    r["wrong_name"] = r["verdict"] == "named" and not r["covered"]
+    r["silent"] = r["verdict"] == "no_missing_effect"
 
 
 def figures(rows: list[Row], strong: list[Row]) -> dict[str, float | None]:

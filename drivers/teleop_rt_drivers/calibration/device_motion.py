@@ -57,27 +57,10 @@ def swing(
     The push turns where the device is `reach` from its beginning. Raises CalibrationError for a
     fault, for one that gets no power, that does not turn, or that goes too far; it ends stopped.
     """
-    sample, rows = Sample(), []
+    sample = Sample()
     try:
         _power(device, sample, wait_cycle, now_ns)
-        begin, begin_ns = sample.position, now_ns()
-        direction, turns, end_ns = 1.0, 0, now_ns() + round(1e9 * seconds)
-        while now_ns() < end_ns:
-            wait_cycle()
-            device.read_into(sample)
-            _refuse_fault(sample)
-            away = sample.position - begin
-            if abs(away) > TOO_FAR * reach:
-                raise CalibrationError(
-                    f"the device went {abs(away):.3g} from where it began: lower --force"
-                )
-            if away * direction > reach:
-                direction, turns = -direction, turns + 1
-            share = 1.0 if now_ns() < (begin_ns + end_ns) // 2 else SOFTER
-            pushed = share * direction * force
-            device.push(pushed)
-            reported = math.nan if sample.drive_force is None else sample.drive_force
-            rows.append((1e-9 * (now_ns() - begin_ns), sample.position, pushed, reported))
+        rows, turns = _push(device, sample, wait_cycle, now_ns, force, reach, seconds)
     finally:
         for _ in range(REST_CYCLES):
             device.stop()
@@ -88,6 +71,33 @@ def swing(
             f"the device turned {turns} times in {seconds:g} s: raise --force, or lower --reach"
         )
     return SwingRecord(*np.array(rows).T)
+
+
+def _push(
+    device: Device, sample: Sample, wait_cycle: Callable[[], None], now_ns: Callable[[], int],
+    force: float, reach: float, seconds: float,
+) -> tuple[list[tuple[float, float, float, float]], int]:  # fmt: skip
+    """Push for so long; return a row of the record for each cycle, and how often it turned."""
+    rows, turns, direction = [], 0, 1.0
+    begin, begin_ns = sample.position, now_ns()
+    end_ns = begin_ns + round(1e9 * seconds)
+    while now_ns() < end_ns:
+        wait_cycle()
+        device.read_into(sample)
+        _refuse_fault(sample)
+        away = sample.position - begin
+        if abs(away) > TOO_FAR * reach:
+            raise CalibrationError(
+                f"the device went {abs(away):.3g} from where it began: lower --force"
+            )
+        if away * direction > reach:
+            direction, turns = -direction, turns + 1
+        share = 1.0 if now_ns() < (begin_ns + end_ns) // 2 else SOFTER
+        pushed = share * direction * force
+        device.push(pushed)
+        reported = math.nan if sample.drive_force is None else sample.drive_force
+        rows.append((1e-9 * (now_ns() - begin_ns), sample.position, pushed, reported))
+    return rows, turns
 
 
 def _power(

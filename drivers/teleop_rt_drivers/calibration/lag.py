@@ -40,6 +40,22 @@ def find_lag(recording: Path, damping: float | None = None) -> LagFit:
 
     Raises CalibrationError if the recording does not determine it, RecordingError for no recording.
     """
+    found, spread, taken_out_s = _spring(recording)
+    k, excess = found["k"], found["b"] - (damping or 0.0)
+    fit = LagFit(
+        lag_ms=1e3 * (taken_out_s - excess / k),
+        deviation_ms=1e3 * math.hypot(spread["b"], excess / k * spread["k"]) / k,
+        stiffness=k,
+    )
+    _refuse(fit, recording, spring=damping is None)
+    return fit
+
+
+def _spring(recording: Path) -> tuple[dict[str, float], dict[str, float], float]:
+    """Return k and b of the body, their deviations, and the lag [s] that was taken out before.
+
+    Raises CalibrationError where no stiffness is found.
+    """
     online = load_online(recording)
     settings = replace(online.settings, force_lag_deviation_s=0.0)
     taken_out_s = settings.force_lag_s if settings.paired_lag_s is None else settings.paired_lag_s
@@ -52,10 +68,12 @@ def find_lag(recording: Path, damping: float | None = None) -> LagFit:
             f"{recording}: no stiffness was found: press on a spring several times, 10 s or more, "
             "with contact.onset_force above what the force does in free air"
         )
-    spread = dict(zip(names, deviations.tolist(), strict=True))
-    k, excess = found["k"], found["b"] - (damping or 0.0)
-    lag_ms = 1e3 * (taken_out_s - excess / k)
-    deviation_ms = 1e3 * math.hypot(spread["b"], excess / k * spread["k"]) / k
+    return found, dict(zip(names, deviations.tolist(), strict=True)), taken_out_s
+
+
+def _refuse(fit: LagFit, recording: Path, *, spring: bool) -> None:
+    """Raise CalibrationError for a lag that is uncertain, implausible, or a lead on a spring."""
+    lag_ms, deviation_ms = fit.lag_ms, fit.deviation_ms
     if not deviation_ms <= LARGEST_DEVIATION_MS:
         raise CalibrationError(
             f"{recording}: the lag can only be determined to {deviation_ms:.2g} ms: press faster, "
@@ -66,10 +84,9 @@ def find_lag(recording: Path, damping: float | None = None) -> LagFit:
             f"{recording}: a lag of {lag_ms:.3g} ms is implausible for a sensor: "
             "press on a body without damping"
         )
-    if damping is None and lag_ms < -LEAD_DEVIATIONS * deviation_ms - LEAST_LEAD_MS:
+    if spring and lag_ms < -LEAD_DEVIATIONS * deviation_ms - LEAST_LEAD_MS:
         raise CalibrationError(
             f"{recording}: the force would lead the position by {-lag_ms:.3g} ms, as it does on a "
             "body that damps: press on a steel spring, or give the body's own damping (--damping 0 "
             "if it has none and the position is late)"
         )
-    return LagFit(lag_ms, deviation_ms, k)

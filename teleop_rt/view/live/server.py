@@ -199,14 +199,6 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
     port = free_port(host, port)
     names = frozenset(f"{name}:{port}" for name in (host, "localhost", "127.0.0.1"))
     keep_quiet()
-    application = Application(
-        [
-            ("/", PageHandler, {"window_s": feed.window_s, "names": names}),
-            ("/frames", Line, {"audience": audience, "names": names}),
-            scripts(),
-        ],
-        websocket_max_message_size=LONGEST_MESSAGE,
-    )
 
     def tick() -> None:
         if feed.again():
@@ -219,7 +211,8 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
         if wishes and feed.ask(wishes):
             audience.restart()
 
-    server, loop = BoundedServer(application), IOLoop.current()
+    server = BoundedServer(_application(audience, feed.window_s, names))
+    loop = IOLoop.current()
     PeriodicCallback(tick, FRAME_MS).start()
     PeriodicCallback(feed.judge, _JUDGE_MS).start()
     PeriodicCallback(fulfil, _WISH_MS).start()
@@ -230,6 +223,18 @@ def serve(feed: Feed, host: str, port: int, ready: Callable[[str], None]) -> Non
     ready(f"http://{host}:{port}/")
     loop.start()
     server.stop()
+
+
+def _application(audience: Audience, window_s: float, names: frozenset[str]) -> Application:
+    """Return the page and its line of frames, both only under these names."""
+    return Application(
+        [
+            ("/", PageHandler, {"window_s": window_s, "names": names}),
+            ("/frames", Line, {"audience": audience, "names": names}),
+            scripts(),
+        ],
+        websocket_max_message_size=LONGEST_MESSAGE,
+    )
 
 
 def free_port(host: str, port: int) -> int:
