@@ -23,6 +23,7 @@ from teleop_rt_drivers.doctor import examine_axis
 from teleop_rt_drivers.findings import worst
 from teleop_rt_drivers.quantity import plausible_position
 from teleop_rt_drivers.simulated.reference import environment_force
+from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")
 ON_LINES = ("dynamixel", "feetech")
@@ -297,13 +298,13 @@ def test_an_axis_that_is_closed_while_it_moves_leaves_the_drive_without_voltage(
 @pytest.mark.parametrize("kind", ON_CAN)
 def test_a_second_master_is_found(kind):
     bench = armed(kind)
-    sent: list[can.Message] = []
-    wire = bench.axis._parts[0][1]._ports[0].wire
-    transmit, wire.transmit = wire.transmit, sent.append
+    sent: list[object] = []
+    ours, drives = bench.ends.bus_pair("drive")
+    deliver, drives.deliver = drives.deliver, sent.append
     cycle(bench)
-    wire.transmit = transmit
+    drives.deliver = deliver
     cycle(bench)
-    bench.ends.bus_pair("drive")[0].deliver(sent[-1])
+    ours.deliver(sent[-1])
     assert cycle(bench).fault is AxisFault.FOREIGN_MASTER
 
 
@@ -378,9 +379,9 @@ def test_a_drive_that_has_failed_is_not_asked_again_to_take_power():
     bench = FramedBench(load("odrive"))
     bench.axis.configure()
     bench.simulated.inject("refuse_enable", "drive")
-    wire = bench.axis._parts[0][1]._ports[0].wire
-    asked, transmit = [], wire.transmit
-    wire.transmit = lambda frame: (asked.append(frame.arbitration_id), transmit(frame))[1]
+    drives = bench.ends.bus_pair("drive")[1]
+    asked, deliver = [], drives.deliver
+    drives.deliver = lambda frame: (asked.append(as_sent(frame)[0]), deliver(frame))[1]
     bench.axis.arm()
     until(bench, lambda sample: sample.fault is AxisFault.DRIVE_FAULT, 40)
     asked.clear()

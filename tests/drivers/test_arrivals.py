@@ -48,8 +48,7 @@ def test_a_servo_s_position_is_stamped_half_way_between_question_and_answer(kind
     bench = armed(kind)
     asked = bench.now
     line = bench.ends.line_pair("drive")[0]
-    line.kept.append((asked + 400_000, bytes(line._arrived)))
-    line._arrived.clear()
+    line.kept.append((asked + 400_000, line.read()))
     sample = bench.cycle(0.0)
     assert sample.position_stamp_ns == asked + 200_000
     assert bench.cycle(0.0).position_stamp_ns == bench.now - MS, "unknown: when it was asked"
@@ -76,10 +75,8 @@ def test_a_force_has_the_time_at_which_its_frame_arrived():
     bench = armed("feetech")
     line = bench.ends.line_pair("sensor.wrench")[0]
     bench.now += MS
-    bench.simulated.process()
     arrived = bench.now - 300_000
-    line.kept.append((arrived, bytes(line._arrived)))
-    line._arrived.clear()
+    line.kept.append((arrived, line.read()))
     bench.axis.read_into(bench.sample)
     assert bench.sample.force_stamp_ns == arrived
 

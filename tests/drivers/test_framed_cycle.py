@@ -174,9 +174,9 @@ def test_raw_can_frames_that_nobody_acknowledges_are_dropped_and_move_nothing_la
     bench.cycles(20, 0.01)
     assert bench.sample.fault is AxisFault.NOT_ACKNOWLEDGED
     heard = []
-    network = bench.simulated.networks[0]
-    hear = network._bus.deliver
-    network._bus.deliver = lambda message: (heard.append(message), hear(message))
+    devices = bench.ends.bus_pair("")[1]
+    hear = devices.deliver
+    devices.deliver = lambda message: (heard.append(message), hear(message))
     bench.simulated.heal("drive")
     bench.axis.write(0.01)
     assert heard == []

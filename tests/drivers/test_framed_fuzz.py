@@ -16,8 +16,8 @@ IDS = [0x100, 0x101, 0x102, 0x555]
 
 
 def attack_lines(bench: FramedBench, data: bytes, line: str) -> None:
-    """Put bytes into the daemon's end of a serial line."""
-    bench.ends.line_pair(f".{line}")[0]._arrived.extend(data)
+    """Send bytes from the devices' end of a serial line."""
+    bench.ends.line_pair(f".{line}")[1].write(data)
 
 
 def attack_bus(bench: FramedBench, frame_id: int, data: bytes) -> None:
