@@ -7,40 +7,32 @@ import select
 import struct
 import termios
 import tty
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import can
 import canopen
 import numpy as np
 import serial
 
-from teleop_rt.axis import Sample
-from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt_dev.bench.measure import Row, interleave, processor_seconds, ratios, row, seconds
+from teleop_rt.config_loader import load_rig
+from teleop_rt_dev.bench.drive_cycles import DRIVES, actuator_cycle
+from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
 from teleop_rt_dev.paths import RIGS
-from teleop_rt_dev.trial.files import plant_of
-from teleop_rt_drivers.actuators.build import open_actuator, open_line_actuator
-from teleop_rt_drivers.actuators.part import LineActuatorPart
 from teleop_rt_drivers.can_frames import FRAME, WIDE
 from teleop_rt_drivers.canopen import intake
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.eds import load
 from teleop_rt_drivers.canopen.pdo import PdoCodec
-from teleop_rt_drivers.ends import LockStepEnds
 from teleop_rt_drivers.framed.binary import BinaryParser, binary_fields
 from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
 from teleop_rt_drivers.framed.stream import SerialStream
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, open_rig_on
+from teleop_rt_drivers.registry import AXIS_SCHEMAS
 from teleop_rt_drivers.simulated.frame_devices import crc16_x25
-from teleop_rt_drivers.simulated.pipes import pipe
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 
 RIG = RIGS / "simulated_canopen.yaml"
-TRIAL = RIG.parents[1] / "trials" / "silicone_cube.yaml"
 CYCLES = 2000
 FRAMES = {
     0x290: struct.pack("<ihH", 2400, 10, 0),
@@ -191,75 +183,6 @@ def pyserial_read(cycles: int) -> float:
     port.close()
     terminal.close()
     return spent / cycles
-
-
-def actuator_cycle(name: str) -> Callable[[int], float]:
-    """Return what times a cycle with a maker's drive: its answers read, the next target sent."""
-    trial = load_trial(
-        TRIAL, AXIS_SCHEMAS, PLANT_SCHEMAS, [f"rig=../rigs/simulated_{name}.yaml"]
-    )  # fmt: skip
-    now = [10**9]
-    ends = LockStepEnds()
-    simulated = open_rig_on(trial.rig, plant_of(trial), lambda: now[0], 1, ends.devices)
-    ends.answer_with(simulated.process)
-    simulated.power_on()
-    whole = open_axis_on(trial.rig, lambda: now[0], ends)
-    whole.configure()
-    axis: Any = trial.rig.axis
-    part, sample = axis.parts["drive"], Sample()
-    on_line = isinstance(part, LineActuatorPart)
-    answers: list[can.Message] = []
-    packets: list[bytes] = []
-    wire, line = ends.bus_pair("drive")[0], ends.line_pair("drive")[1]
-    deliver, write = wire.deliver, line.write
-
-    def delivered(frame: can.Message) -> None:
-        answers.append(frame)
-        deliver(frame)
-
-    def written(data: bytes) -> int:
-        packets.append(data)
-        return write(data)
-
-    setattr(wire, "deliver", delivered)
-    setattr(line, "write", written)
-    fullest: list[can.Message] = []
-    for _ in range(12):  # an ODrive's heartbeat comes every tenth cycle
-        now[0] += 1_000_000
-        answers.clear()
-        packets.clear()
-        whole.read_into(sample)
-        whole.write(0.0)
-        fullest = max(fullest, list(answers), key=len)
-    alone, (near, far) = synchronous_pair()[0], pipe()
-    if on_line:
-        axis = open_line_actuator(part, trial.rig, lambda: near, lambda: now[0])
-    else:
-        axis = open_actuator(part, trial.rig, alone, lambda: now[0])
-    axis.listen()
-    packet = b"".join(packets)
-
-    def work(cycles: int) -> float:
-        def one() -> None:
-            for _ in range(cycles):
-                now[0] += 1_000_000
-                if on_line:
-                    far.write(packet)
-                else:
-                    alone._queue.extend(fullest)
-                axis.read_into(sample)
-                axis.write(0.0)
-                if on_line:
-                    far.read()
-
-        spent = processor_seconds(one) / cycles
-        assert sample.valid
-        return spent
-
-    return work
-
-
-DRIVES = ("odrive", "damiao", "robstride", "moteus", "vesc", "dynamixel", "feetech")
 
 
 def run(rounds: int) -> list[Row]:
