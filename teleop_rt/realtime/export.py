@@ -23,6 +23,7 @@ from teleop_rt.extras import install_command
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.mcap_index import count_messages
+from teleop_rt.realtime.mcap_records import Record
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import (
     ONLINE,
@@ -54,42 +55,57 @@ def recover(damaged: Path, whole: Path) -> int:
     """
     refuse_existing([whole], "name another file with --out")
     next(read_records(damaged), None)  # what is no recording is refused before a file is made
-    messages = 0
     with _written(whole), whole.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(library="teleop-rt recover")
-        schemas: dict[int, int] = {}
-        channels: dict[int, int] = {}
-        by_topic: dict[str, int] = {}
-        described: list[Metadata] = []
+        copy = _Copy(writer)
         for record in read_records(damaged):
-            if isinstance(record, Schema) and record.id not in schemas:
-                schemas[record.id] = writer.register_schema(
-                    record.name, record.encoding, record.data
-                )
-            elif isinstance(record, Channel) and record.id not in channels:
-                if record.topic not in by_topic:
-                    by_topic[record.topic] = writer.register_channel(
-                        record.topic,
-                        record.message_encoding,
-                        schemas.get(record.schema_id, 0),
-                        record.metadata,
-                    )
-                channels[record.id] = by_topic[record.topic]
-            elif isinstance(record, Metadata) and record not in described:
-                described.append(record)
-                writer.add_metadata(record.name, record.metadata)
-            elif isinstance(record, Message) and record.channel_id in channels:
-                messages += 1
-                writer.add_message(
-                    channels[record.channel_id],
-                    record.log_time,
-                    record.data,
-                    record.publish_time,
-                    record.sequence,
-                )
+            copy.take(record)
         writer.finish()
-    return messages
+    return copy.messages
+
+
+class _Copy:
+    """Records of several parts, written into one file: a topic keeps one channel."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._schemas: dict[int, int] = {}
+        self._channels: dict[int, int] = {}
+        self._by_topic: dict[str, int] = {}
+        self._described: list[Metadata] = []
+        self.messages = 0
+
+    def take(self, record: Record) -> None:
+        """Write a record, unless it stands in the file already."""
+        if isinstance(record, Schema) and record.id not in self._schemas:
+            self._schemas[record.id] = self._writer.register_schema(
+                record.name, record.encoding, record.data
+            )
+        elif isinstance(record, Channel) and record.id not in self._channels:
+            self._channels[record.id] = self._channel(record)
+        elif isinstance(record, Metadata) and record not in self._described:
+            self._described.append(record)
+            self._writer.add_metadata(record.name, record.metadata)
+        elif isinstance(record, Message) and record.channel_id in self._channels:
+            self.messages += 1
+            self._writer.add_message(
+                self._channels[record.channel_id],
+                record.log_time,
+                record.data,
+                record.publish_time,
+                record.sequence,
+            )
+
+    def _channel(self, record: Channel) -> int:
+        if record.topic not in self._by_topic:
+            self._by_topic[record.topic] = self._writer.register_channel(
+                record.topic,
+                record.message_encoding,
+                self._schemas.get(record.schema_id, 0),
+                record.metadata,
+            )
+        return self._by_topic[record.topic]
 
 
 def export(recording: Path, table: Path, topic: str) -> int:
