@@ -164,7 +164,7 @@ def test_the_slave_stays_under_its_force_cap(default_run):
     assert slave["state"][-1] == State.DISARMED
 
 
-@pytest.mark.parametrize("seed", range(4))  # `scripts/campaign trial` plays twenty
+@pytest.mark.parametrize("seed", range(2))  # `scripts/campaign trial` plays twenty
 def test_every_seed_finds_surface_stiffness_and_damping(tmp_path, seed):
     """After a second and a half in contact, of which half is the estimators' settling."""
     trial = silicone(f"seed={seed}", "duration_s=2.5")
@@ -319,14 +319,10 @@ def test_each_value_of_a_slave_s_row_stands_under_its_own_name(default_run):
     assert set(rows["state"].tolist()) <= {float(state) for state in State}
 
 
-@pytest.mark.parametrize(
-    ("seed", "round_trip_ms", "jitter_ms", "loss"), [(11, 20.0, 2.0, 0.0), (12, 400.0, 20.0, 0.05)]
-)
-def test_a_run_and_its_diagnosis_agree_that_nothing_is_missing(
-    tmp_path, seed, round_trip_ms, jitter_ms, loss
-):
-    link = f"link={{round_trip_ms: {round_trip_ms}, jitter_ms: {jitter_ms}, loss: {loss}}}"
-    trial = silicone(f"seed={seed}", "duration_s=8.0", link)
+def test_a_run_far_away_and_its_diagnosis_agree_that_nothing_is_missing(tmp_path):
+    trial = silicone(
+        "seed=12", "duration_s=8.0", "link={round_trip_ms: 400, jitter_ms: 20, loss: 0.05}"
+    )
     agree_that_nothing_is_missing(tmp_path / "run", run(trial, tmp_path / "run"))
 
 
