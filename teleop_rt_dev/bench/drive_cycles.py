@@ -26,7 +26,7 @@ TRIAL = TRIALS / "silicone_cube.yaml"
 
 @dataclass(frozen=True)
 class Heard:
-    """What a simulated drive answered in a cycle: its fullest frames, or its bytes on a line."""
+    """The answers of a simulated drive in a cycle: its fullest frames, or its bytes on a line."""
 
     trial: TrialConfig
     frames: list[can.Message]

@@ -1,4 +1,4 @@
-"""What the second generator's effects do to a rig's surface and material.
+"""The second generator's effects on a rig's surface and material.
 
 Each function draws an effect's parameters from the rig's generator; where the effect has several
 forms, `form` chooses among them.

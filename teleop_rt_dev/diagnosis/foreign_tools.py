@@ -1,4 +1,4 @@
-"""What the second generator's effects do to a rig's tool and to the channel of its force.
+"""The second generator's effects on a rig's tool and on the channel of its force.
 
 Each function draws an effect's parameters from the rig's generator; where the effect has several
 forms, `form` chooses among them.
