@@ -85,7 +85,8 @@ def diagnose(
     if not moves_in_steps(
         recording.position, recording.force, recording.dt
     ):  # each may leave a lone sample
-        lone = isolated(recording.force, problem.motion.x, force_noise(recording.force))
+        noise = force_noise(recording.force)
+        lone = isolated(recording.force, problem.motion.x, noise, recording.dt)
         outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
         enter("choosing the motion that decides")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from teleop_rt.diagnosis.answers.outliers import of_motion
+from teleop_rt.diagnosis.answers.outliers import effect_of, of_motion
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.diagnosis.samples.rows import outliers
 
 
 def moved() -> RecordedMotion:
@@ -22,3 +24,46 @@ def test_samples_at_every_reversal_come_with_the_motion_and_scattered_ones_do_no
     for seed in range(20):
         scattered = (np.random.default_rng(seed).random(motion.t.size) < 0.004).astype(float)
         assert not of_motion(scattered, motion)
+
+
+def pressed(dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return penetration [m] and force [N] of 8 s on a spring of 3 kN/m, with noise of 0.05 N."""
+    t = dt * np.arange(round(8.0 / dt))
+    depth = 0.005 + 0.004 * np.sin(2.0 * np.pi * 1.3 * t)
+    return depth, 3000.0 * depth + 0.05 * np.random.default_rng(7).normal(size=t.size)
+
+
+def test_bursts_of_wrong_samples_are_found_whole_and_a_pulse_of_20_ms_is_none() -> None:
+    dt = 2e-3
+    depth, force = pressed(dt)
+    wrong = np.zeros(force.size)
+    for number, first in enumerate(range(200, 3800, 300)):
+        wrong[first : first + 1 + number % 4] = 1.0
+    found = outliers(force + 2.0 * wrong, depth, 0.05, dt)
+    assert np.array_equal(found, wrong)
+    pulse = np.zeros(force.size)
+    pulse[1000:1010] = 2.0
+    assert not outliers(force + pulse, depth, 0.05, dt).any()
+
+
+def test_at_100_hz_only_single_samples_are_wrong_because_two_are_a_motion() -> None:
+    depth, force = pressed(1e-2)
+    wrong = np.zeros(force.size)
+    wrong[[100, 300, 301]] = 1.0
+    found = outliers(force + 20.0 * wrong, depth, 0.05, 1e-2)
+    assert np.flatnonzero(found).tolist() == [100]
+
+
+@pytest.mark.parametrize("frequency_hz", [12.0, 33.0, 57.8, 110.0])
+def test_the_peaks_of_a_tone_are_no_outliers(frequency_hz: float) -> None:
+    depth, force = pressed(2e-3)
+    force += 1.0 * np.sin(2.0 * np.pi * frequency_hz * 2e-3 * np.arange(force.size))
+    assert not outliers(force, depth, 0.05, 2e-3).any()
+
+
+def test_one_burst_is_an_event_and_three_are_an_effect_of_the_channel() -> None:
+    found = np.zeros(8000)
+    found[1000:1004] = 1.0
+    assert effect_of(found) is None
+    found[[3000, 6000]] = 1.0
+    assert effect_of(found) is not None

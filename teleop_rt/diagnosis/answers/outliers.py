@@ -11,13 +11,13 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.answers.answer import effect_entry, entry
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import OUTLIERS
+from teleop_rt.diagnosis.samples.rows import OUTLIERS, stretches
 
 OUTLIERS_ASIDE = (
     "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"
     " out; they do not explain the residual: check the sensor's cable and shielding"
 )
-_FEWEST_OUTLIERS = 3  # wrong samples that make an effect
+_FEWEST_BURSTS = 3  # of one wrong sample or a few that make an effect
 _SMALLEST_SHARE = 2e-4  # of all samples; fewer outliers are no effect
 _LEAST_P_VALUE = 1e-4  # below it, the outliers depend on the motion
 
@@ -29,7 +29,7 @@ def of_motion(found: Vector, motion: RecordedMotion) -> bool:
     same distribution as all others (Kolmogorov and Smirnov).
     """
     hit = found > 0.0
-    if np.count_nonzero(hit) < _FEWEST_OUTLIERS:
+    if len(stretches(hit)) < _FEWEST_BURSTS:
         return False
     chances = [
         float(scipy.stats.ks_2samp(row[hit], row[~hit], method="asymp").pvalue)
@@ -40,9 +40,8 @@ def of_motion(found: Vector, motion: RecordedMotion) -> bool:
 
 def effect_of(found: Vector) -> dict[str, Any] | None:
     """Return the effect `outliers` for JSON, or None where too few samples stand alone."""
-    count = float(np.sum(found))
-    share = count / found.size
-    if count < _FEWEST_OUTLIERS or share < _SMALLEST_SHARE:
+    share = float(np.sum(found)) / found.size
+    if len(stretches(found > 0.0)) < _FEWEST_BURSTS or share < _SMALLEST_SHARE:
         return None
     deviation = float(np.sqrt(share * (1.0 - share) / found.size))
     return effect_entry(find(OUTLIERS), {"share": entry(share, deviation**2, "1")})

@@ -101,7 +101,7 @@ def problem_of(
     mask[: 2 * half] = mask[-2 * half :] = 0.0
     if base.touches and not fresh:
         mask[: _unknown_history(motion.x)] = 0.0
-    mask *= 1.0 - outliers(recording.force, motion.x, noise)
+    mask *= 1.0 - outliers(recording.force, motion.x, noise, recording.dt)
     if base.touches:
         refuse_unlearnable(recording, motion.x, position_noise(recording.position, recording.dt))
         shortest = 1 if in_steps else FEWEST_FREE_SAMPLES

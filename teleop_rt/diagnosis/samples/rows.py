@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
@@ -17,6 +18,10 @@ _LONE_RANGE = 1e-3  # of the row's range; a smaller jump is noise
 _OUTLIER_SIGMAS = (
     8.0  # standard deviations of the noise; a sample farther from its neighbours is wrong
 )
+# Samples and s: a burst of errors. Longer, the force may be one that moves something.
+_LONGEST_BURST, _LONGEST_BURST_S = 4, 0.01
+_AROUND_SAMPLES = 21  # of which the tone's other periods make the deviation; odd
+_OUTLIER_RATIO = 2.0  # times the deviation around; a tone reaches 1.5
 _SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
 
 Stretch = tuple[int, int]
@@ -60,21 +65,13 @@ def quantisation_step(row: Vector) -> float:
     return step if off < _GRID_TOLERANCE else 0.0
 
 
-def from_neighbours(row: Vector) -> tuple[Vector, Vector]:
-    """Return how far each sample lies from two neighbours on either side, and how far these do.
-
-    From their median, and from one another. At the ends the row goes round.
-    """
-    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
-    return np.abs(row - np.median(around, axis=0)), np.ptp(around, axis=0)
-
-
 def lone(row: Vector) -> NDArray[np.bool_]:
     """Return which samples lie far from two neighbours on either side: a slip of the reading.
 
     No tool is there for one sample, and derivatives would spread it over many.
     """
-    away, spread = from_neighbours(row)
+    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
+    away, spread = np.abs(row - np.median(around, axis=0)), np.ptp(around, axis=0)
     found = away > np.maximum(_LONE_SPREADS * spread, _LONE_RANGE * np.ptp(row))
     found[:2] = found[-2:] = False
     return np.asarray(found, dtype=np.bool_)
@@ -87,14 +84,49 @@ def without_lone(row: Vector) -> Vector:
     return np.interp(places, places[~bad], row[~bad])
 
 
-def outliers(force: Vector, x: Vector, noise: float) -> Vector:
+def _off_neighbours(row: Vector, length: int) -> tuple[Vector, Vector, Vector]:
+    """Return how far `length` samples lie from two neighbours on either side, at the first of them.
+
+    The nearest sample's distance from the neighbours' median, the range of these, both less what
+    the row's slope does over the samples, and the nearest sample's distance beyond all neighbours,
+    which at a corner of the row is none. At the ends the row goes round.
+    """
+    places = np.array([-2, -1, length, length + 1])
+    around = np.array([np.roll(row, -place) for place in places])
+    inside = np.array([np.roll(row, -later) for later in range(length)])
+    beyond = np.maximum(inside - around.max(axis=0), around.min(axis=0) - inside)
+    centred = places - places.mean()
+    slope = centred @ around / (centred @ centred)
+    around[2:] -= (length - 1) * slope
+    inside -= np.multiply.outer(np.arange(length), slope)
+    away = np.abs(inside - np.median(around, axis=0))
+    return away.min(axis=0), np.ptp(around, axis=0), beyond.min(axis=0)
+
+
+def _local_deviation(row: Vector) -> Vector:
+    """Return the deviation about the running median, within `_AROUND_SAMPLES` of each sample.
+
+    The median follows a slope, and a burst changes neither it nor the median of what is off it.
+    """
+    off = np.abs(row - scipy.ndimage.median_filter(row, _AROUND_SAMPLES))
+    middle = scipy.ndimage.median_filter(off, _AROUND_SAMPLES)
+    return np.asarray(middle / MAD_PER_DEVIATION, dtype=np.float64)
+
+
+def outliers(force: Vector, x: Vector, noise: float, dt: float) -> Vector:
     """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
 
-    The neighbours must agree among themselves and lie on one side of the surface, so neither an
-    impact nor a step is an outlier.
+    Up to `_LONGEST_BURST_S` of them in a row. The neighbours must agree among themselves and lie on
+    one side of the surface, so neither an impact nor a step is an outlier. Around them the row must
+    be steadier, so a period of a tone is none.
     """
-    away, spread = from_neighbours(force)
-    found = (away > _OUTLIER_SIGMAS * noise) & (spread < 0.5 * away)
+    found = np.zeros(force.size, dtype=np.bool_)
+    least = np.maximum(_OUTLIER_SIGMAS * noise, _OUTLIER_RATIO * _local_deviation(force))
+    for length in range(1, max(1, min(_LONGEST_BURST, int(_LONGEST_BURST_S / dt))) + 1):
+        away, spread, beyond = _off_neighbours(force, length)
+        first = (away > least) & (np.maximum(spread, away - beyond) < 0.5 * away)
+        for later in range(length):
+            found |= np.roll(first, later)
     inside = touches(x)
     for shift in range(-_SURFACE_SAMPLES, _SURFACE_SAMPLES + 1):
         found &= np.roll(inside, shift) == inside
