@@ -117,6 +117,7 @@ class Effect:
     do not exclude it, it stays in the answer beside this law.
     `fades` is how many ways there are in which a past that nobody recorded may still act on a
     memory that is linear in the penetration and fades: what of it a fit has to find.
+    `extends` is the law of the same name to which this one adds shapes: its fit starts there.
     """
 
     name: str
@@ -135,3 +136,4 @@ class Effect:
     law: str = ""
     like: tuple[str, ...] = ()
     fades: int = 0
+    extends: str | None = None

@@ -36,7 +36,7 @@ from teleop_rt_dev.diagnosis.visibility import foreign_lambda
 from teleop_rt_dev.parallel import in_order
 
 FAMILY = {effect.name: effect.family for effect in LIBRARY}
-SINGLES = tuple(name for name in FAMILY if name != "gravity_torque")
+SINGLES = tuple(name for name in FAMILY if name not in {"gravity_torque", "return_spring"})
 PAIRS = (
     ("coulomb_friction", "force_bias"), ("stress_relaxation", "coulomb_friction"),
     ("nonlinear_stiffening", "channel_delay"), ("tool_inertia", "force_bias"),

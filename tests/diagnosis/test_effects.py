@@ -35,6 +35,7 @@ VOCABULARY = {
     "viscous_friction": ("rig", "tool"),
     "direction_dependent_damping": ("rig", "tool"),
     "gravity_torque": ("rig", "tool"),
+    "return_spring": ("rig", "tool"),
     "tool_inertia": ("rig", "tool"),
     "position_ripple": ("rig", "tool"),
     "force_bias": ("rig", "sensor"),

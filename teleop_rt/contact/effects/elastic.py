@@ -34,6 +34,23 @@ def _weakened(
 
 
 @kernel
+def _weakened_alike(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return 0.0 if x <= 0.0 else -max(x + eta[1] * v, 0.0) * (1.0 - exp(-t / eta[0]))
+
+
+@kernel
+def _weakened_by_load(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    if x <= 0.0:
+        return 0.0
+    state[0] += x * dt
+    return float(-max(x + eta[1] * v, 0.0) * eta[0] * (1.0 - exp(-state[0] / eta[0])))
+
+
+@kernel
 def _quadratic(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -47,6 +64,18 @@ def _quadratic_with_depth(
     return max(x, 0.0) * v * abs(v)
 
 
+# Damping over stiffness, which heat and damage lower alike.
+_DAMPING_TIME = Shape("damping_time", "s", 1e-3, 0.2, 1e-2, logarithmic=True, points=4)
+_LOSS_TIME = Shape(
+    "time_constant",
+    "s",
+    0.03,
+    5.0,
+    0.5,
+    logarithmic=True,
+    relative_to="duration",
+    points=8,
+)
 EFFECTS = (
     Effect(
         name="nonlinear_stiffening",
@@ -105,21 +134,56 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
-        shapes=(
-            Shape(
-                "time_constant",
-                "s",
-                0.03,
-                5.0,
-                0.5,
-                logarithmic=True,
-                relative_to="duration",
-                points=8,
-            ),
-        ),
+        shapes=(_LOSS_TIME,),
         step=_weakened,
         sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
         compensation="render",
+    ),
+    Effect(
+        name="softening",
+        law="of stiffness and damping",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
+        shapes=(_LOSS_TIME, _DAMPING_TIME),
+        step=_weakened_alike,
+        sentence=(
+            "Within {time_constant} the stiffness falls by {stiffness_lost}, the damping by"
+            " {damping_time} times that."
+        ),
+        compensation="render",
+        derivative_order=1,
+    ),
+    Effect(
+        name="softening",
+        law="of stiffness and damping by load",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("loss_rate", "{f}/({x}^2 s)"),
+        shapes=(
+            Shape(
+                "load_time",
+                "{x} s",
+                0.3,
+                100.0,
+                5.0,
+                logarithmic=True,
+                relative_to="travel",
+                points=8,
+                ideal="upper",
+            ),
+            _DAMPING_TIME,
+        ),
+        step=_weakened_by_load,
+        state_size=1,
+        sentence=(
+            "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and"
+            " {damping_time} times that off the damping."
+        ),
+        compensation="render",
+        derivative_order=1,
     ),
     Effect(
         name="quadratic_damping",

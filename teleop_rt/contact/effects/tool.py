@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import exp, pi, sin, tanh
+from math import cos, exp, pi, sin, tanh
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
@@ -74,6 +74,11 @@ def _speed(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta
 
 
 @kernel
+def _place(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return x
+
+
+@kernel
 def _forward_speed(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -93,6 +98,13 @@ def _lever(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta
 
 
 @kernel
+def _linkage(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return sin(x / eta[0] + eta[1])
+
+
+@kernel
 def _acceleration(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -104,11 +116,31 @@ def _ripple(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
     return sin(2.0 * pi * x / eta[0] + eta[1])
 
 
+RETURN_SPRING = "return_spring"  # effect of a drive alone
+
+
+@kernel
+def _two_harmonics(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return sin(u + p) + s sin(2u + p) + c cos(2u + p), u = 2 pi x / pitch: of any phase p two."""
+    first = 2.0 * pi * x / eta[0] + eta[1]
+    second = 2.0 * first - eta[1]
+    return float(sin(first) + eta[2] * sin(second) + eta[3] * cos(second))
+
+
+THROUGH_A_LINKAGE = "through a linkage"  # law of a lever's weight on a linear axis
 # What does not come back within the travel is no ripple.
 _PITCH = Shape(
     "pitch", "{x}", 1.0 / 60.0, 0.5, 0.2, reciprocal=True, relative_to="travel", points=118
 )
+# A linkage turns by at least half a radian, or its weight is a bias, and by less than one turn.
+_ARM = Shape("arm", "{x}", 0.16, 2.0, 0.5, reciprocal=True, relative_to="travel", points=8)
+_LEVER_ANGLE = Shape("lever_angle", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
 _PHASE = Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
+_SECOND_HARMONIC = tuple(
+    Shape(name, "1", -1.0, 1.0, 0.0, points=1) for name in ("second_sine", "second_cosine")
+)
 _SMOOTHING = Shape(
     "smoothing_velocity",
     "{x}/s",
@@ -180,6 +212,39 @@ _STRIBECK_FRICTION = replace(
     sentence="Dry friction of {friction_force} that rises by {excess_ratio} at low speed.",
 )
 
+_RIPPLES = (
+    Effect(
+        name="position_ripple",
+        family="ripple",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("ripple", "{f}", nonnegative=True),
+        shapes=(
+            _PITCH,
+            _PHASE,
+        ),
+        step=_ripple,
+        sentence="A ripple of {ripple} repeats every {pitch} of the stroke.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
+        name="position_ripple",
+        law="of a screw's pitch",
+        family="ripple",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude(
+            "pitch_error", "{x}", nonnegative=True, lower=0.0, upper=0.1, relative_to="travel"
+        ),
+        shapes=(_PITCH, _PHASE),
+        step=_ripple,
+        sentence="The screw is off by {pitch_error}, again and again every {pitch} of the stroke.",
+        compensation="correct_position",
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+)
 EFFECTS = (
     _DRY,
     replace(_DRY, law="presliding", shapes=(_PRESLIDING,), step=_presliding, state_size=1),
@@ -284,9 +349,33 @@ EFFECTS = (
         belongs_to="rig",
         stage="tool",
         amplitude=Amplitude("torque", "{f}", nonnegative=True),
-        shapes=(Shape("lever_angle", "rad", -2 * pi, 2 * pi, 0.0, phase=True),),
+        shapes=(_LEVER_ANGLE,),
         step=_lever,
         sentence="Gravity turns the lever with up to {torque}.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
+        name="gravity_torque",
+        law=THROUGH_A_LINKAGE,
+        family="bias",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("torque", "{f}", nonnegative=True),
+        shapes=(_ARM, _LEVER_ANGLE),
+        step=_linkage,
+        sentence="Gravity turns a linkage of arm {arm}, felt as up to {torque} along the axis.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    Effect(
+        name=RETURN_SPRING,
+        family="elastic",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("spring_stiffness", "{f}/{x}", nonnegative=True),
+        step=_place,
+        sentence="A spring, cable or hose pulls the axis back with {spring_stiffness}.",
         compensation="subtract_force",
         only_in_contact=False,
     ),
@@ -302,35 +391,15 @@ EFFECTS = (
         derivative_order=2,
         only_in_contact=False,
     ),
-    Effect(
-        name="position_ripple",
-        family="ripple",
-        belongs_to="rig",
-        stage="tool",
-        amplitude=Amplitude("ripple", "{f}", nonnegative=True),
-        shapes=(
-            _PITCH,
-            _PHASE,
-        ),
-        step=_ripple,
-        sentence="A ripple of {ripple} repeats every {pitch} of the stroke.",
-        compensation="subtract_force",
-        only_in_contact=False,
-    ),
-    Effect(
-        name="position_ripple",
-        law="of a screw's pitch",
-        family="ripple",
-        belongs_to="rig",
-        stage="tool",
-        amplitude=Amplitude(
-            "pitch_error", "{x}", nonnegative=True, lower=0.0, upper=0.1, relative_to="travel"
-        ),
-        shapes=(_PITCH, _PHASE),
-        step=_ripple,
-        sentence="The screw is off by {pitch_error}, again and again every {pitch} of the stroke.",
-        compensation="correct_position",
-        only_in_contact=False,
-        acts="moves_position",
+    *_RIPPLES,
+    *(
+        replace(
+            ripple,
+            law=f"{ripple.law}, two harmonics".lstrip(", "),
+            shapes=(*ripple.shapes, *_SECOND_HARMONIC),
+            step=_two_harmonics,
+            extends=ripple.law,
+        )
+        for ripple in _RIPPLES
     ),
 )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect, Vector
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
+from teleop_rt.diagnosis.inference.laws import by_other_laws
 from teleop_rt.diagnosis.inference.screening import Start, screen_coarsely
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
@@ -83,37 +83,6 @@ def _starts(
     for _, first_name, start in found:
         chosen.setdefault((first_name, start.effect.name, start.effect.law), start)
     return list(chosen.values())[:SECONDS]
-
-
-def by_other_laws(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
-    """Return fits of the pair with other laws of its members, each with every clamp.
-
-    The screening starts from a first effect that is not at its final parameters, so it may prefer
-    a wrong law or clamp of the second.
-    """
-    scales, fits = problem.motion.scales, []
-    places = [(c.owner, c.shape.name) for c in pair.model.coordinates]
-    known = dict(zip(places, pair.zeta.tolist(), strict=True))
-    clamps = pair.model.clamps
-    for member, effect in enumerate(pair.model.effects):
-        for law in effects:
-            if law.name != effect.name or law.law == effect.law:
-                continue
-            members = (*pair.model.effects[:member], law, *pair.model.effects[member + 1 :])
-            for clamped, whole in clamps:
-                model = replace(
-                    pair.model, effects=members, clamped=clamped, clamped_with_effects=whole
-                )
-                zeta = [
-                    known.get((c.owner, c.shape.name), _start(c.shape, scales))
-                    for c in model.coordinates
-                ]
-                fits.append(problem.refine(model, np.array(zeta)))
-    return fits
-
-
-def _start(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> float:
-    return shape.start * scales[shape.relative_to] if isinstance(shape, Shape) else 0.0
 
 
 def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:

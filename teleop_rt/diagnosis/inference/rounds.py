@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
+from teleop_rt.contact.effects.tool import RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO
 from teleop_rt.diagnosis.inference.pairs import alike
@@ -197,18 +198,22 @@ def _stiffness(fit: Fit) -> float | None:
 def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
     """Return the effects that are possible on this rig and with this base.
 
-    Gravity of a lever needs a rotary rig, and a material effect needs a base with contact. Laws
-    without contact apply to a base without contact, a relaxation only to one with a spring: a drive
-    alone has no body that relaxes. Outliers are tested separately. If the base
-    finds the surface, its surface parameter covers an offset and the flank of a play. Friction by
-    direction equals symmetric friction and a bias (only a rest separates them), so a base with a
-    bias excludes it.
+    Gravity of a lever needs a rotary rig. A linkage's weight and a return spring need a drive that
+    has a bias, for which they would stand in, and no spring: between them the data choose. A
+    material effect needs a base with contact. Laws without contact apply to a base without contact,
+    a relaxation only to one with a spring: a drive alone has no body that relaxes. Outliers are
+    tested separately. If the base finds the surface, its surface parameter covers an offset and the
+    flank of a play. Friction by direction equals symmetric friction and a bias (only a rest
+    separates them), so a base with a bias excludes it.
     """
     rotary = recording.units[0] == "rad"
 
     def possible(effect: Effect) -> bool:
-        if effect.name == OUTLIERS or (effect.name == "gravity_torque" and not rotary):
+        linkage = effect.law == THROUGH_A_LINKAGE
+        if effect.name == OUTLIERS or (effect.name == "gravity_torque" and rotary == linkage):
             return False
+        if linkage or effect.name == RETURN_SPRING:
+            return base.has_bias and not (base.touches or base.has_spring)
         if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
             return False
         if base.has_bias and any(shape.name == _BY_DIRECTION for shape in effect.shapes):

@@ -93,6 +93,7 @@ def screen_coarsely(
     need the full rate, because a tone may lie above a lower band. An oscillation along the stroke
     is screened by derivatives, which have no jumps at any rate.
     """
+    effects = tuple(e for e in effects if e.extends is None)
     tones = tuple(e for e in effects if _is_tone(e))
     quick = tuple(e for e in effects if e.acts in _NEEDS_JUMP_RATE and not swings(e))
     others = tuple(e for e in effects if e not in (*tones, *quick))

@@ -8,6 +8,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates
+from teleop_rt.diagnosis.inference.laws import extended
 from teleop_rt.diagnosis.inference.screening import Start, screen_coarsely, swings, with_surface
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
@@ -86,9 +87,8 @@ def best_by_name(fits: list[Fit]) -> list[Fit]:
 
 def search_singles(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
     """Return the fitted single-effect models, best first."""
-    fits = laws = _promising(
-        problem, base, screen_coarsely(problem, at_lower_rates(problem), base, effects)
-    )
+    starts = screen_coarsely(problem, at_lower_rates(problem), base, effects)
+    fits = laws = _promising(problem, base, starts, effects)
     if base.model.base.finds_surface:
         # The base was polished as well, so the fits are comparable.
         fits = [polished(problem, fit) if _jumps(fit) else fit for fit in fits]
@@ -108,7 +108,7 @@ def coarse_singles(
     """
     lower = at_lower_rates(problem)
     near, there = lower[0].around(problem, base)
-    laws = _promising(near, there, screen_coarsely(problem, lower, base, effects))
+    laws = _promising(near, there, screen_coarsely(problem, lower, base, effects), effects)
     fits = best_by_name(laws)[:_RECLAMPED]
     return _with_other_clamps_and_pasts(near, there, fits, laws)[:most]
 
@@ -130,11 +130,14 @@ def _with_other_clamps_and_pasts(
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
 
 
-def _promising(problem: Problem, base: Fit, starts: list[Start]) -> list[Fit]:
+def _promising(
+    problem: Problem, base: Fit, starts: list[Start], effects: tuple[Effect, ...]
+) -> list[Fit]:
     """Return fits of the most promising laws, and of one law of each other promising effect.
 
     With little excitation many effects explain the residual equally well, and each must be fitted.
-    All laws of the likeliest effects are fitted, because a biased base can favour a wrong law.
+    All laws of the likeliest effects are fitted, because a biased base can favour a wrong law. One
+    that extends a law is fitted from there, if that is likelier than the base.
     """
     if not starts:
         return []
@@ -156,8 +159,11 @@ def _promising(problem: Problem, base: Fit, starts: list[Start]) -> list[Fit]:
     if base.model.base.has_power and base.model.base.finds_surface:
         chosen += _at_other_depths(problem, starts)
     fits = [fit_start(problem, s) for s in chosen]
-    likely = [fit.names[0] for fit in best_by_name(fits)[:_LIKELIEST_EFFECTS]]
-    others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in likely]
+    likely = best_by_name(fits)[:_LIKELIEST_EFFECTS]
+    names = {fit.names[0] for fit in likely}
+    others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in names]
+    for fit in likely:
+        fits += extended(problem, fit, effects) if fit.bic < base.bic else []
     return [*fits, *(fit_start(problem, start) for start in others)]
 
 

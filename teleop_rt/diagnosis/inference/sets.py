@@ -17,6 +17,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import LEAST_GAIN
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
+from teleop_rt.diagnosis.inference.laws import extended
 from teleop_rt.diagnosis.inference.pairs import fit_without
 from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, with_other_clamp
@@ -157,6 +158,8 @@ class _Steps:
             self._once("fit", start, partial(fit_start, near, start, _EVALUATIONS))
             for start in starts
         ]
+        for best in best_by_name(fits)[:1]:
+            fits += self._once("extended", best, partial(extended, near, best, effects))
         likely = [f for f in best_by_name(fits)[:_RECLAMPED] if len(f.model.clamps) > 1]
         fits += [self._once("clamp", f, partial(with_other_clamp, near, f)) for f in likely]
         return near, fits

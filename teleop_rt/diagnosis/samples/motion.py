@@ -112,12 +112,16 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
 
 
 def motion_of(
-    position: Vector, force: Vector, dt: float, surface: float, half: int
+    position: Vector, force: Vector, dt: float, surface: float, half: int, *, touches: bool = True
 ) -> RecordedMotion:
-    """Return the motion relative to `surface`, with the scales of this recording."""
+    """Return the motion relative to `surface`, with the scales of this recording.
+
+    The travel is the deepest penetration, and the whole stroke of a body that does not touch: its
+    positions count from an arbitrary zero.
+    """
     x, v, a = differentiate(position - surface, dt, half)
     t = dt * np.arange(x.size, dtype=np.float64)
-    travel = float(np.max(x)) if np.max(x) > 0 else float(np.ptp(x))
+    travel = float(np.max(x)) if touches and np.max(x) > 0 else float(np.ptp(x))
     level = float(np.quantile(np.abs(force), 0.999))
     scales: dict[Scale, float] = {
         "": 1.0,

@@ -93,7 +93,7 @@ def problem_of(
     half = half_window(recording.position, recording.dt, 2 if base.has_mass else 1)
     half = narrowest(recording.dt) if in_steps else half
     calm = without_lone(recording.force)
-    motion = motion_of(recording.position, calm, recording.dt, surface, half)
+    motion = motion_of(recording.position, calm, recording.dt, surface, half, touches=base.touches)
     motion = replace(motion, scales={**motion.scales, "onset": within})
     noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
     # There the local polynomial looks to one side only, and its derivatives are a guess.

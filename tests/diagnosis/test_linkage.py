@@ -1,0 +1,59 @@
+"""A weight on a linkage that a linear drive turns; positions of a drive count from any zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+
+DT_S = 2e-3
+MASS, VISCOUS, ARM_M, TORQUE_N, NOISE_N = 0.4, 12.0, 0.03, 1.5, 0.03
+SPRING_N_PER_M = 60.0
+
+
+def strokes(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return position [m], velocity and acceleration of 8 s of a motion of several tones."""
+    rng = np.random.default_rng(seed)
+    t = DT_S * np.arange(4000)
+    x, v, a = np.zeros((3, t.size))
+    for frequency_hz in (0.23, 0.61, 1.3, 2.9):
+        w, phase = 2.0 * np.pi * frequency_hz, rng.uniform(0.0, 2.0 * np.pi)
+        size = 0.02 / (1.0 + frequency_hz)
+        x += size * np.sin(w * t + phase)
+        v += size * w * np.cos(w * t + phase)
+        a -= size * w * w * np.sin(w * t + phase)
+    return x, v, a
+
+
+def drive(seed: int, held: str, zero_m: float = 0.0) -> Recording:
+    """Return a drive that moves a `linkage`, a `spring` or nothing else."""
+    x, v, a = strokes(seed)
+    force = MASS * a + VISCOUS * v + NOISE_N * np.random.default_rng(seed + 1).normal(size=x.size)
+    if held == "linkage":
+        force += TORQUE_N * np.sin(x / ARM_M + 0.4)
+    elif held == "spring":
+        force += SPRING_N_PER_M * x
+    return from_arrays(held, DT_S * np.arange(x.size), x + zero_m, force)
+
+
+@pytest.mark.parametrize("zero_m", [0.0, 0.3])
+def test_the_weight_on_a_linkage_is_named_with_its_arm_wherever_zero_is(zero_m: float) -> None:
+    answer = diagnose(drive(3, "linkage", zero_m), "mass-damper").answer
+    assert answer["class"] == [["gravity_torque"]]
+    (effect,) = answer["effects"]
+    arm = effect["parameters"]["arm"]
+    assert abs(arm["value"] - ARM_M) < 4.0 * arm["std"] < 0.1 * ARM_M
+    assert abs(effect["parameters"]["torque"]["value"] - TORQUE_N) < 0.1 * TORQUE_N
+
+
+def test_a_spring_that_holds_the_drive_is_named_a_spring_and_no_weight() -> None:
+    answer = diagnose(drive(4, "spring"), "mass-damper").answer
+    assert answer["class"] == [["return_spring"]]
+    stiffness = answer["effects"][0]["parameters"]["spring_stiffness"]
+    assert abs(stiffness["value"] - SPRING_N_PER_M) < 4.0 * stiffness["std"] < 1.0
+
+
+def test_a_drive_without_a_weight_has_no_missing_effect() -> None:
+    assert diagnose(drive(5, "nothing"), "mass-damper").answer["verdict"] == "no_missing_effect"
