@@ -110,7 +110,7 @@ def diagnose(
     ]  # fmt: skip
     hints = (turned_sign(found.problem, found.base.model), other_base(found))
     answer["notes"] += [hint for hint in hints if hint is not None]
-    answer["notes"] += notes_of(answer, model, recording, surface, weighed.samples)
+    answer["notes"] += notes_of(answer, model, base, recording, surface, weighed.samples)
     answer["notes"] += [of_dropout(start + n * recording.dt, start + m * recording.dt)
                         for n, m in lost]  # fmt: skip
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}

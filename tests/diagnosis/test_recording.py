@@ -159,6 +159,7 @@ def test_small_jitter_of_the_stamps_is_no_gap(pressed: dict[str, np.ndarray]) ->
             "no column for time; there are: position_m,",
         ),
         (lambda d: d | {"t_s": 1e3 * d["t_s"]}, "wrong unit.*time=ms"),
+        (lambda d: d | {"t_s": 1e-3 * d["t_s"]}, "wrong unit.*lasts.*time=s"),
     ],
 )
 def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(

@@ -87,3 +87,29 @@ def test_a_drive_without_a_spring_has_no_body_that_relaxes(base: str, relaxes: b
     recording = from_arrays("ring", *_pulled(0.0))
     possible = applicable(LIBRARY, recording, base_of(base))
     assert any(effect.name == "stress_relaxation" for effect in possible) is relaxes
+
+
+def _smooth(seed: int) -> tuple[Vector, Vector]:
+    """Return time [s] and position [m] of 10 s of a motion of six tones below 3 Hz."""
+    rng, t = np.random.default_rng(seed), 1e-3 * np.arange(10_000)
+    x = np.zeros(t.size)
+    for _ in range(6):
+        frequency_hz = 3.0 * (0.2 + 0.8 * rng.random())
+        x += np.sin(2 * np.pi * frequency_hz * t + 6.28 * rng.random()) * (0.5 + rng.random())
+    return t, 2e-3 + 8e-3 * x / np.max(np.abs(x))
+
+
+def test_an_arm_is_found_where_the_surface_must_be_found_with_it() -> None:
+    t, x = _smooth(41)
+    depth, arm = np.maximum(x, 0.0), np.zeros(t.size)
+    for i in range(1, t.size):
+        arm[i] = arm[i - 1] * (1.0 - 1e-3 / 0.15) + depth[i] - depth[i - 1]
+    force = 1200.0 * depth + 8.0 * np.gradient(x, t) + 800.0 * arm
+    force = np.where(x > 0.0, np.maximum(force, 0.0), 0.0)
+    # With this noise the descent beside the surface of three arms ended at their bounds.
+    force += np.random.default_rng(11).normal(0.0, 0.03, 9 * t.size)[8 * t.size :]
+    answer = diagnose(from_arrays("arm", t, x, force)).answer
+    assert answer["class"] == [["stress_relaxation"]]
+    found = answer["effects"][0]["parameters"]
+    assert found["time_constant"]["value"] == pytest.approx(0.15, rel=0.02)
+    assert answer["error"]["after_over_floor"] < 1.05

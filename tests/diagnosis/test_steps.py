@@ -175,7 +175,9 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     smooth = 0.008 * np.sin(18.8 * t) + 1e-6 * np.random.default_rng(1).standard_normal(t.size)
     for path, noted in ((read, True), (smooth, False)):
         recording = from_arrays("a", t, path, np.maximum(1000.0 * path, 0.0))
-        assert (STEPS_OF_MOTION in notes_of(ANSWER, BASE, recording, 0.0, "usual")) is noted
+        assert (
+            STEPS_OF_MOTION in notes_of(ANSWER, BASE, BASE.name, recording, 0.0, "usual")
+        ) is noted
     _, v, _ = differentiate(read, 1e-3, half_window(read, 1e-3))
     v_true = np.gradient(x, t)
     assert np.std((v - v_true)[100:-100]) < 0.5 * np.std(v_true - savgol_filter(v_true, 41, 3))

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
-from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.held import HELD
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
@@ -61,18 +62,24 @@ def _of_surface(base: Base, recording: Recording, surface: float | None) -> list
     return [note] if note else []
 
 
+def _of_held_body(base: Base, stated: str) -> list[str]:
+    """Return the note on a base that was exchanged because the body is fixed to the tool."""
+    return [HELD.format(base=base.name)] if base_of(stated).touches and not base.touches else []
+
+
 def notes_of(
     answer: dict[str, Any],
     base: Base,
+    stated: str,
     recording: Recording,
     surface: float | None,
     samples: Samples,
 ) -> list[str]:
     """Return the notes of an answer: assumptions, limits of its validity, and next steps.
 
-    `surface` is the caller's, None without one.
+    `stated` is the base and `surface` the place that the caller gave, None without one.
     """
-    found = _of_surface(base, recording, surface)
+    found = _of_held_body(base, stated) + _of_surface(base, recording, surface)
     stiffness = answer["base"]["parameters"].get("k", {"value": None})["value"]
     if stiffness is not None and not base.has_power:
         travel = float(np.ptp(recording.position))

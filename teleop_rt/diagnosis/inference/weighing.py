@@ -9,6 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
+from teleop_rt.diagnosis.inference.laws import by_other_laws
 from teleop_rt.diagnosis.inference.pairs import coarse_pairs
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
@@ -17,6 +18,7 @@ from teleop_rt.diagnosis.inference.search import (
     polished,
     search_singles,
 )
+from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.structure import noise_from
@@ -49,6 +51,9 @@ def weigh_singles(
         )
     if not singles:
         return problem, alone, singles
+    if at_wrong_bound(problem, singles[0]):
+        # Fitted beside the surface of another law, it ends where that compensates for it.
+        singles = best_by_name([*singles, *by_other_laws(problem, singles[0], library)])
     if alone.model.base.finds_surface:
         shifts = [fit.model.shift(fit.zeta) for fit in singles[:_NOISE_CANDIDATES]]
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)

@@ -21,6 +21,7 @@ MIN_SAMPLES = 300  # fewer cannot separate noise and effect
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _SLOWEST_STATED_HZ = 2.0  # Hz; a testing machine's, where the unit of time is stated
 _ROUNDED = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
+_SHORTEST_S = 0.2  # s: ten of the windows of 20 ms in which velocities are found
 _CLOCK_FITS = 3  # of a line through the stamps; the ticks change no more after the second
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
 """An even grid has at most so many points for each sample, and so many more: gaps are few."""
@@ -193,6 +194,11 @@ def from_arrays(
         raise RecordingError(
             f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"
             " is in ms or ns, say so with --units time=ms"
+        )
+    if t[-1] - t[0] < _SHORTEST_S:
+        raise RecordingError(
+            f"{name}: wrong unit? the recording lasts {t[-1] - t[0]:.3g} s, at least"
+            f" {_SHORTEST_S:g} s are needed; if time is in s, say so with --units time=s"
         )
     _refuse_nothing_to_learn(name, position[good], force[good])
     t, dt = _clock(t, dt, position[good])

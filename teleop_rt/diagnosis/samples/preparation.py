@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps
 from teleop_rt.diagnosis.samples import steps
 from teleop_rt.diagnosis.samples.converter import without_steps
+from teleop_rt.diagnosis.samples.held import bilateral, is_held
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
 from teleop_rt.diagnosis.samples.rows import (
@@ -50,11 +51,15 @@ def pose(
 ) -> tuple[Problem, Base]:
     """Return the problem, and the base with its surface free if no surface is given.
 
+    Of a body that is fixed to the tool, without a given surface, it is the base without contact.
     A recording that begins in contact is used from its first release, unless the body is assumed
     to be `fresh` (never pressed before). Raises RecordingError if no sample is usable.
     """
     if surface is not None or not base.touches:
         return problem_of(recording, base, surface or 0.0, fresh=fresh), base
+    held = bilateral(base)
+    if held is not None and recording.surface is None and is_held(recording):
+        return problem_of(recording, held, 0.0, fresh=fresh), held
     guess = surface_of(recording)
     if guess.fixed:
         return problem_of(recording, base, guess.position, fresh=fresh), base

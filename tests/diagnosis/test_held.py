@@ -1,0 +1,51 @@
+"""A body that is fixed to the tool pulls as well as pushes, and has no surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.held import is_held
+
+DT_S = 2e-3
+T_S = DT_S * np.arange(4000)
+X_M = 5e-3 * np.sin(4.4 * T_S) + 3e-3 * np.sin(10.7 * T_S + 1.0) + 2e-3 * np.sin(19.5 * T_S + 2.0)
+
+
+def recorded(force: np.ndarray, seed: int = 3) -> Recording:
+    noise = 0.05 * np.random.default_rng(seed).normal(size=T_S.size)
+    return from_arrays("body", T_S, X_M, force + noise)
+
+
+def bolted(friction: float = 0.0) -> Recording:
+    v = np.gradient(X_M, DT_S)
+    return recorded(350.0 * X_M + 5.0 * v + friction * np.tanh(v / 1e-3))
+
+
+def pressed(surface: float, bias: float, adhesion: float = 0.0) -> Recording:
+    depth = X_M - surface
+    force = np.where(depth > 0.0, 350.0 * depth + 5.0 * np.gradient(X_M, DT_S), 0.0)
+    held_back = adhesion * np.exp(depth / 1e-3) * (depth <= 0.0)
+    return recorded(np.where(depth > 0.0, np.maximum(force, 0.0), -held_back) + bias)
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.2])
+def test_a_body_bolted_to_the_tool_gets_no_bias_but_a_base_without_contact(friction: float) -> None:
+    answer = diagnose(bolted(friction)).answer
+    assert answer["class"] == ([["coulomb_friction"]] if friction else [])
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(350.0, rel=0.01)
+    assert any("--surface" in note for note in answer["notes"])
+
+
+def test_a_body_that_is_left_is_not_held_wherever_its_surface_is() -> None:
+    assert is_held(bolted())
+    for surface in (-4e-3, -1e-3, 2e-3):
+        for bias in (-0.5, -2.0):
+            assert not is_held(pressed(surface, bias))
+    assert not is_held(pressed(0.0, 0.0, adhesion=1.0))
+
+
+def test_the_surface_that_is_given_is_kept() -> None:
+    assert diagnose(bolted(), surface=-0.02).base.model.base.name == "kelvin-voigt"
