@@ -120,11 +120,11 @@ def _run(
         slave = supervisor.start("slave", partial(side, "slave", others=gate.wait))
         supervisor.wait_ready(*first)
         gate.open()
-        supervisor.wait_ready(slave)
     failure: ProcessFailedError | None = None
     interrupted = False
     try:
         try:
+            supervisor.wait_ready(slave)
             _watch(supervisor, slave, progress)
         finally:
             over()
@@ -136,6 +136,8 @@ def _run(
     except KeyboardInterrupt:
         interrupted = True
     supervisor.end(_STOPPING_ORDER)
+    if "ready" not in slave.events:  # it has not ticked, and an interrupt has no trial to end
+        raise failure or KeyboardInterrupt
     return outcome_of(slave, master, recorder, interrupted=interrupted), failure
 
 

@@ -26,7 +26,7 @@ class Ending:
         return Child(name, None, {"ready": {"privileges": [f"{name}: refused (no); ask"]}})
 
     def wait_ready(self, *_children):
-        pass
+        """Wait for nobody."""
 
     def run_until(self, _done):
         if self._end is not None:
@@ -50,6 +50,36 @@ def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_fa
     assert outcome["clock"] == "real"
     assert outcome["privileges"] == ["slave: refused (no); ask"]
     assert failure is (end if isinstance(end, ProcessFailedError) else None)
+
+
+class EndingAtTheFirstTick(Ending):
+    """A supervisor to whom Ctrl-C comes while the slave's word that it is ready is on its way."""
+
+    def __init__(self, *, ready) -> None:
+        super().__init__(None)
+        self._ready = ready
+
+    def start(self, name, _main):
+        self.slave = Child(name, None)
+        return self.slave
+
+    def wait_ready(self, *children):
+        if self.slave in children:
+            if self._ready:
+                self.slave.events["ready"] = {"privileges": []}
+            raise KeyboardInterrupt
+
+
+def test_an_interrupt_between_the_first_tick_and_the_word_of_it_ends_a_trial_that_began():
+    trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS)
+    given = (Child("recorder", None), print, lambda _: None)
+    with Interrupts() as interrupts:
+        outcome, failure = module._run(
+            trial, EndingAtTheFirstTick(ready=True), *given, interrupts.hold
+        )
+    assert (outcome["interrupted"], failure) == (True, None)
+    with Interrupts() as interrupts, pytest.raises(KeyboardInterrupt):
+        module._run(trial, EndingAtTheFirstTick(ready=False), *given, interrupts.hold)
 
 
 def test_the_truth_of_a_run_has_what_each_process_simulated(tmp_path):
