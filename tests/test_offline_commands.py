@@ -121,6 +121,8 @@ def test_a_bad_file_is_reported_and_the_others_are_still_done(call, tmp_path):
         ("--surface", "there", "write auto, or a position such as 0.01 or 10mm"),
         ("--surface", "10parsec", "unknown unit 'parsec' of surface; one of m, cm, mm"),
         ("--columns", "xs_rad", "write ROLE=NAME"),
+        ("--rate", "-5", "--rate -5: give samples per second"),
+        ("--rate", "400", "good.csv: has a column with times: leave out --rate"),
     ],
 )
 def test_wrong_options_say_what_is_allowed(call, tmp_path, option, value, message):

@@ -105,3 +105,10 @@ def test_of_every_command_it_is_known_whether_it_writes():
     assert asked | WRITES_NOTHING | KEEPS_THE_OLD | {"new"} == set(app.commands)
     studies = {words[1] for words in INTO_A_FOLDER if words[0] == "study"}
     assert studies == set(app.load("study").commands)
+
+
+def test_a_page_is_not_promised_where_a_report_has_its_own_place(call, tmp_path):
+    (tmp_path / "one").mkdir()
+    code, out, err = call("report", "one", "--out", "page.html")
+    assert (code, out) == (2, "")
+    assert "--out goes with --compare" in err

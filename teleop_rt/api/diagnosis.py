@@ -16,6 +16,7 @@ from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
 from teleop_rt.diagnosis.inference.rounds import Diagnosis as Found
 from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
 from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.outputs import refuse_file, refuse_unwritable
 from teleop_rt.trial.folder import recording_of
 
 Test = Source | None
@@ -93,7 +94,12 @@ class Diagnosis:
         return error
 
     def write(self, folder: File) -> Path:
-        """Write page, extended model and proposed motion; return the folder."""
+        """Write page, extended model and proposed motion; return the folder.
+
+        Raises OutputError where it is a file, or nothing can be written into it.
+        """
+        refuse_file(Path(folder), "name another folder")
+        refuse_unwritable(Path(folder), "name another folder")
         write_diagnosis(self._found, self._recording, self._path, Path(folder))
         return Path(folder)
 

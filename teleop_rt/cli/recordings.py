@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from teleop_rt.offline.table import Table
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_MOST_RATE_HZ = 1e9  # as rate_hz in NAME.columns.yaml: stamps are whole nanoseconds
 BASE_HELP = (
     f"a model: {', '.join(MODEL_IDS)}; or comma-separated terms: {', '.join(TERM_IDS)}. "
     "Whether the contact can pull is found for each; kelvin-voigt-unilateral damps only while the "
@@ -222,6 +223,8 @@ def _episodes(path: Path) -> list[Path]:
 
 def table_of(columns: list[str] | None, units: list[str] | None, rate: float | None) -> Table:
     """Return the layout of a foreign file, given by the options. Raises RecordingError."""
+    if rate is not None and not 0.0 < rate <= _MOST_RATE_HZ:
+        raise RecordingError(f"--rate {rate:g}: give samples per second, above 0 up to 1e9")
     from teleop_rt.offline.table import Table  # noqa: PLC0415 - loads numpy
 
     return Table(_pairs(columns, "--columns"), _pairs(units, "--units"), rate)

@@ -34,6 +34,10 @@ def report(
     """Write the report of a run from its folder, also after a fault or a crash."""
     if (len(folders) > 1) != compare:
         raise RecordingError("give one run folder, or two or more after --compare")
+    if out is not None and not compare:
+        raise RecordingError(
+            "--out goes with --compare: the report of one run is report.html in its folder"
+        )
     if figures is not None and compare:
         raise RecordingError("--figures goes with one run folder, not with --compare")
     if figures is not None:

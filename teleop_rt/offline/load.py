@@ -137,6 +137,8 @@ def load_any(path: Path, table: Table) -> Recording:
     if path.suffix.lower() != ".mcap":
         layout = layout_of(path, table.columns, table.units, table.rate_hz)
         return load(path, layout)
+    if table.rate_hz is not None:
+        raise RecordingError(f"{path}: has times of its own: leave out --rate")
     metadata, slave = _recorded(path, (*_ESTIMATED, "surface"))
     settings = _settings(path, metadata)
     if settings.paired_lag_s is not None:

@@ -149,6 +149,13 @@ def test_a_diagnosis_names_the_effect_and_its_model_predicts_another_motion(diag
     assert np.sqrt(np.mean(error[inner] ** 2)) < 0.01 * np.ptp(wanted)
 
 
+@pytest.mark.parametrize("place", ["taken", "taken/below"])
+def test_a_diagnosis_is_not_written_into_a_file(diagnosed, tmp_path, place):
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(teleop_rt.ExpectedError, match="taken: is a file: name another folder"):
+        diagnosed[1].write(tmp_path / place)
+
+
 def test_a_model_written_and_read_predicts_the_same(diagnosed, tmp_path, monkeypatch):
     recording, diagnosis = diagnosed
     monkeypatch.setitem(sys.modules, "teleop_rt.view.diagnosis_page", None)  # no page: seconds less

@@ -82,6 +82,11 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     position, force = found["position"], found["force"]
     stated = "time" not in found or found["time"].stated
     if "time" in found:
+        if layout.rate_hz is not None:
+            raise RecordingError(
+                f"{path}: has a column with times: leave out --rate, or rate_hz in"
+                f" {path.stem}.columns.yaml"
+            )
         time = found["time"].values - found["time"].values[:1]
     elif layout.rate_hz is not None:
         time = np.arange(position.values.size) / layout.rate_hz
