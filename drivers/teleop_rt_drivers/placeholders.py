@@ -21,9 +21,13 @@ HEAD = "placeholders:   # still an example's: put in your own value, then remove
 ITEM = "  - "
 
 
-def with_placeholders(text: str) -> str:
-    """Return a rig's text with the list of its placeholders, before the section of the axis."""
-    listed = "".join(f"{ITEM}{'.'.join(path)}\n" for path in _paths(yaml.safe_load(text)))
+def with_placeholders(text: str, *, port_known: bool = False) -> str:
+    """Return a rig's text with the list of its placeholders, before the section of the axis.
+
+    `port_known` where the force sensor's port is the rig's own.
+    """
+    paths = [path for path in _paths(yaml.safe_load(text)) if not (port_known and is_port(path))]
+    listed = "".join(f"{ITEM}{'.'.join(path)}\n" for path in paths)
     return text.replace("\naxis:\n", f"\n{HEAD}{listed}\naxis:\n", 1)
 
 
@@ -34,6 +38,11 @@ def without_placeholders(text: str, known: Collection[KeyPath]) -> str:
     return text if f"{HEAD}{ITEM}" in text else text.replace(f"{HEAD}\n", "", 1)
 
 
+def is_port(path: KeyPath) -> bool:
+    """Return whether a key names the file of a sensor's serial port."""
+    return path[-3:-2] == ("ports",) and path[-1] == "device"
+
+
 def _paths(rig: dict[str, Any]) -> Iterator[KeyPath]:
     """Give the keys of a rig whose values are a device's or a rig's own, in the file's order."""
     for name, section in rig.items():
@@ -41,6 +50,7 @@ def _paths(rig: dict[str, Any]) -> Iterator[KeyPath]:
             if "daemon" in path:
                 continue
             own = OF_DEVICES.fullmatch(path[-1]) or path[-2:-1] == ("identity",)
+            own = own or is_port(path)
             if name in SECTIONS or (name == "axis" and own):
                 yield path
 

@@ -32,6 +32,9 @@ SENSORS = ("wrench", "load-cell", "drive", "drive-input")
 """A fast force sensor, a slow one, none (the motor's torque), or one at the drive's own input."""
 WITH_INPUT = "canopen"
 """Drive whose analog input is read."""
+ON_PORTS = ("wrench", "load-cell")
+"""Sensors on a serial port of their own."""
+SENSOR_PORT = re.compile(r"(\n +(?:wrench|cell): \{device: )\w+")
 PRESETS = {
     ("canopen", "drive"): "simulated_canopen_drive",
     ("canopen", "drive-input"): "simulated_canopen_input",
@@ -86,7 +89,12 @@ class NewRigError(ExpectedError):
 
 
 def rig_text(
-    drive: str, adapter: str, sensor: str, channel: str | None, position: str | None = None
+    drive: str,
+    adapter: str,
+    sensor: str,
+    channel: str | None,
+    position: str | None = None,
+    sensor_port: str | None = None,
 ) -> str:
     """Return the text of a rig's file. Raises NewRigError for a combination that cannot be."""
     _refuse_unknown(("--drive", drive, DRIVES), ("--sensor", sensor, SENSORS))
@@ -111,7 +119,16 @@ def rig_text(
         text = text[: text.index("    sensor:\n")] + cell[cell.index("    sensor:\n") :]
         text = with_values(text, SLOW)
         text = text if adapter == "unix" else FOLDER.sub("folder: /dev", text)
-    return text
+    return text if sensor_port is None else _with_sensor_port(text, sensor, adapter, sensor_port)
+
+
+def _with_sensor_port(text: str, sensor: str, adapter: str, port: str) -> str:
+    """Return the text with the file of the sensor's serial port below /dev."""
+    if sensor not in ON_PORTS or adapter == "unix":
+        raise NewRigError(
+            f"--sensor-port {port}: only --sensor {' or '.join(ON_PORTS)} on hardware has a port"
+        )
+    return SENSOR_PORT.sub(rf'\g<1>"{port.removeprefix("/dev/")}"', text)
 
 
 def handle_text(drive: str, adapter: str, channel: str | None) -> str:

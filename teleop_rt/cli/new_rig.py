@@ -28,6 +28,9 @@ Position = Annotated[
     typer.Option(help="source of the position: drive, or encoder (canopen: a node of its own)"),
 ]
 Channel = Annotated[str | None, typer.Option(help="the adapter's channel, such as can0 or ttyUSB0")]
+SensorPort = Annotated[
+    str | None, typer.Option("--sensor-port", help="the force sensor's serial port, as ttyUSB0")
+]
 Eds = Annotated[Path | None, typer.Option(help="canopen: the drive's EDS, from its maker")]
 Scan = Annotated[
     bool,
@@ -52,6 +55,7 @@ def new_rig(
     position: Position = None,
     handle: Handle = False,
     channel: Channel = None,
+    sensor_port: SensorPort = None,
     eds: Eds = None,
     scan: Scan = False,
     chosen: Chosen = None,
@@ -68,7 +72,7 @@ def new_rig(
     adapter = adapter or _ask("adapter", ADAPTER, "socketcan")
     if not handle:
         sensor = sensor or _ask("force sensor", SENSOR, "wrench")
-    text = _text(drive, adapter, None if handle else sensor, channel, position)
+    text = _text(drive, adapter, None if handle else sensor, channel, position, sensor_port)
     if eds is not None:
         text = made.with_eds(text, eds, print)
     if scan or (missing and typer.confirm("ask now who is there (nothing moves)?", default=True)):
@@ -82,7 +86,12 @@ def new_rig(
 
 
 def _text(
-    drive: str, adapter: str, sensor: str | None, channel: str | None, position: str | None
+    drive: str,
+    adapter: str,
+    sensor: str | None,
+    channel: str | None,
+    position: str | None,
+    sensor_port: str | None,
 ) -> str:
     """Return the text of a rig, or without a sensor of an operator's device."""
     from teleop_rt_drivers import rig_text  # noqa: PLC0415 - loads all drivers
@@ -91,8 +100,10 @@ def _text(
     if sensor is None:
         text = rig_text.handle_text(drive, adapter, channel)
     else:
-        text = rig_text.rig_text(drive, adapter, sensor, channel, position)
-    return text if adapter == "unix" else with_placeholders(text)
+        text = rig_text.rig_text(drive, adapter, sensor, channel, position, sensor_port)
+    return (
+        text if adapter == "unix" else with_placeholders(text, port_known=sensor_port is not None)
+    )
 
 
 def _next_step(file: Path, adapter: str, *, handle: bool) -> str:

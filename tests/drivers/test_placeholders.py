@@ -37,6 +37,27 @@ def test_ids_scales_sensors_and_limits_of_an_example_are_listed(drive, keys, tmp
     assert not any(key.endswith(("bitrate", "channel", "interface", "baud")) for key in found)
 
 
+PORT = "axis.parts.sensor.ports.cell.device"
+
+
+def test_the_port_of_a_sensor_is_a_placeholder_until_it_is_given(tmp_path, call):
+    options = ("--drive", "odrive", "--adapter", "socketcan", "--sensor", "load-cell")
+    assert call("new-rig", tmp_path / "left.yaml", *options)[0] == 0
+    assert PORT in load_rig(tmp_path / "left.yaml", registry.AXIS_SCHEMAS).placeholders
+    given = ("--sensor-port", "/dev/ttyACM1")
+    assert call("new-rig", tmp_path / "given.yaml", *options, *given)[0] == 0
+    rig = load_rig(tmp_path / "given.yaml", registry.AXIS_SCHEMAS)
+    assert PORT not in rig.placeholders
+    assert registry.parts_of(rig.axis)["sensor"].ports["cell"].device == "ttyACM1"
+
+
+def test_a_sensor_without_a_port_of_its_own_takes_none(tmp_path, call):
+    options = ("--drive", "odrive", "--adapter", "socketcan", "--sensor", "drive")
+    code, _, err = call("new-rig", tmp_path / "rig.yaml", *options, "--sensor-port", "ttyUSB1")
+    assert code == 2
+    assert "only --sensor wrench or load-cell on hardware has a port" in err
+
+
 def test_new_rig_lists_them_and_check_warns_of_each(tmp_path, call):
     file = tmp_path / "rig.yaml"
     options = ("--drive", "vesc", "--adapter", "slcan", "--sensor", "wrench")
