@@ -18,6 +18,10 @@ Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
 
 
+_MOST_LOG = 230.0
+"""Logarithm of 1e100, in the rig's units: no body is so stiff, and products stay below 1e308."""
+
+
 def scale_of(name: str, length: float, time: float) -> float:
     """Return the factor from a scaled parameter to the rig's unit, for the linear models."""
     return {"k": 1.0 / length, "b": time / length, "m": time * time / length}.get(name, 1.0)
@@ -35,10 +39,15 @@ def _scales(row: RowSpec, names: list[str], length: float, time: float) -> Vecto
 
 
 def _hunt_crossley(theta: Matrix, length: float, time: float) -> Matrix:
-    """Return [k, b, n] (samples, 3) of [ln k', b'/k', n] (2.6, x in units of `length`)."""
+    """Return [k, b, n] (samples, 3) of [ln k', b'/k', n] (2.6, x in units of `length`).
+
+    Not-a-number where a nearly singular solution is beyond all bodies: k or b would overflow.
+    """
     log_k = theta[:, 0] - theta[:, 2] * math.log(length)
-    k = np.exp(np.clip(log_k, -700.0, 700.0))
-    return np.column_stack([k, theta[:, 1] * time / length * k, theta[:, 2]])
+    ratio = theta[:, 1] * time / length
+    known = (np.abs(log_k) < _MOST_LOG) & (np.abs(ratio) < math.exp(_MOST_LOG))
+    k = np.exp(np.where(known, log_k, np.nan))
+    return np.column_stack([k, np.where(known, ratio, np.nan) * k, theta[:, 2]])
 
 
 def traced(row: RowSpec) -> tuple[Parameter, ...]:
