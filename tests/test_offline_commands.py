@@ -99,6 +99,16 @@ def test_one_flag_takes_several_pairs_and_a_file_after_them(call, tmp_path):
     assert len(out.splitlines()) == 2
 
 
+def test_replay_explains_its_order_and_ends_no_line_in_a_blank(call, tmp_path):
+    good = write_csv(tmp_path / "good.csv", *press())
+    code, out, err = call("replay", good, "--models", "hunt-crossley", "--regressions", "direct")
+    assert (code, err) == (0, "")
+    first, *lines = out.splitlines()
+    assert first.endswith("selected on-line (*), then identified, then the others, each by NRMSE")
+    assert any(line.startswith("      n = ") for line in lines)
+    assert [line for line in lines if line != line.rstrip()] == []
+
+
 def test_a_bad_file_is_reported_and_the_others_are_still_done(call, tmp_path):
     good = write_csv(tmp_path / "good.csv", *press())
     bad = write_csv(tmp_path / "bad.csv", *press(), header="t_s,place,force_N")

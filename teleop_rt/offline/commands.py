@@ -22,6 +22,7 @@ from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import in_words, parameter
 
+_ORDER = "; estimators: selected on-line (*), then identified, then the others, each by NRMSE"
 _SHOWN_ROWS = 5
 """Estimators that a replay prints: what fits a screen with their parameters."""
 
@@ -66,7 +67,7 @@ def diagnose(
 def print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> None:
     """Print the estimators, best first; the best few of many unless `every` one is wanted."""
     text = f"[bold]{escape(answer['recording'])}[/bold]: {answer['samples']} samples"
-    console.print(text, soft_wrap=True)
+    console.print(text + _ORDER, highlight=False, soft_wrap=True)
     rows = best_first(answer["estimators"], answer["selected"])
     shown = rows if every else rows[:_SHOWN_ROWS]
     for line in estimator_lines(answer | {"estimators": shown}):

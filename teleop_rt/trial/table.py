@@ -70,11 +70,8 @@ def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
     std = parameter["std"]
     spread = "" if std is None else f" +- {float(f'{std:.2g}'):g}"
     note = " (not identified)" if parameter.get("identified") is False else ""
-    return f"{name} = {_number(parameter['value'], '', 5)}{spread} {_unit(parameter['unit'])}{note}"
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit
+    unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
+    return f"{name} = {_number(parameter['value'], '', 5)}{spread}{unit}{note}"
 
 
 def _number(value: float | None, unit: str, digits: int) -> str:
