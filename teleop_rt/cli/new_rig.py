@@ -98,6 +98,8 @@ def _text(
     from teleop_rt_drivers.placeholders import with_placeholders  # noqa: PLC0415 - as above
 
     if sensor is None:
+        if sensor_port is not None:
+            raise rig_text.NewRigError(f"--sensor-port {sensor_port}: a handle has no force sensor")
         text = rig_text.handle_text(drive, adapter, channel)
     else:
         text = rig_text.rig_text(drive, adapter, sensor, channel, position, sensor_port)

@@ -138,4 +138,6 @@ def _in_words(event: str, content: dict[str, Any]) -> str:
             f"done, {content['missed_ticks']} ticks missed, {link['received']} packets received, "
             f"{content['safety']['state']}, fault: {fault['name']}"
         )
+    if event == "link":
+        return f"link: {content['cause']}"
     return event

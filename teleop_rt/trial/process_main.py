@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ from teleop_rt.service.notify import Notifier
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.late import advice
+from teleop_rt.trial.link_news import link_reported
 from teleop_rt.trial.side import Configs, Side
 from teleop_rt.trial.sides import (
     make_endpoint,
@@ -182,8 +183,12 @@ def master_main(
     master = MasterSide(trial, operator, endpoint, time.monotonic_ns, side.session)
     asked = prepare_process(MASTER_PRIORITY)
     side.emit("ready", privileges=[privilege.describe() for privilege in asked])
+    reported: AbstractContextManager[None] = nullcontext()
+    if side.alone is not None:
+        reported = link_reported(lambda: endpoint.trouble_code(time.monotonic_ns()), side.emit)
     try:
-        run_loop(RealClock(master.period_ns), master.cycle, should_stop)
+        with reported:
+            run_loop(RealClock(master.period_ns), master.cycle, should_stop)
     finally:
         master.close()
     return master.outcome()

@@ -1,0 +1,32 @@
+"""A master that was started alone reports why it does not reach the slave."""
+
+import pytest
+
+from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
+from teleop_rt.trial.alone import PlainEvents
+from teleop_rt.trial.link_news import report_link
+
+
+class EndsAfter:
+    """An event that comes after a number of looks at the link, without waiting."""
+
+    def __init__(self, looks) -> None:
+        self._left = looks
+
+    def wait(self, _timeout):
+        self._left -= 1
+        return self._left < 0
+
+
+@pytest.mark.parametrize(
+    ("codes", "said"),
+    [
+        ([0, 0, 0], []),
+        ([0, NOTHING_TROUBLE, NOTHING_TROUBLE], [TROUBLES[NOTHING_TROUBLE][1]]),
+        ([1, NOTHING_TROUBLE], [TROUBLES[1][1], TROUBLES[NOTHING_TROUBLE][1]]),
+        ([1, 0, 0, 1], [TROUBLES[1][1], "the slave answers", TROUBLES[1][1]]),
+    ],
+)
+def test_each_trouble_is_reported_once_and_its_end_too(codes, said, capsys):
+    report_link(iter(codes).__next__, PlainEvents("master"), EndsAfter(len(codes)))
+    assert capsys.readouterr().out.splitlines() == [f"master: link: {words}" for words in said]
