@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -11,14 +12,19 @@ from rig_bench import plant_config
 from test_trial_on_every_rig import TRIAL, open_bench
 
 from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.section import Units
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration import work
+from teleop_rt_drivers.calibration.device import DeviceFit
 from teleop_rt_drivers.calibration.force import force_keys, read_force
+from teleop_rt_drivers.calibration.lag import LagFit
 from teleop_rt_drivers.calibration.rig_file import rewrite, with_values
-from teleop_rt_drivers.calibration.weights import CalibrationError, Reading, fit_weights
+from teleop_rt_drivers.calibration.shown import WORDS, lines
+from teleop_rt_drivers.calibration.torque_lag import TorqueLag
+from teleop_rt_drivers.calibration.weights import CalibrationError, ForceFit, Reading, fit_weights
 from teleop_rt_drivers.calibration.work import masses_of
 
 CELL = RIGS / "simulated_load_cell.yaml"
@@ -199,13 +205,37 @@ def test_keys_are_printed_with_the_digits_that_are_written(tmp_path, capsys):
     file = tmp_path / "rig.yaml"
     file.write_text(CELL.read_text())
     keys = {("sensors", "force_lag_ms"): 27.123456789, ("sensors", "force_settling_ms"): 50}
-    work._finish(file, keys, {"lag_ms": 27.123456789}, write=True, as_json=False)
+    work._finish(file, keys, {}, ["lag  27.12 ms"], write=True, as_json=False)
     printed = capsys.readouterr().out
     lines = [line.strip() for line in file.read_text().splitlines()]
     for key in ("force_lag_ms", "force_settling_ms"):
         (written,) = (line.partition("#")[0].strip() for line in lines if line.startswith(key))
         assert f"sensors.{written}\n" in printed
-    assert "lag_ms         27.1235\n" in printed
+    assert printed.startswith("lag  27.12 ms\n")
+
+
+def test_results_are_printed_in_words_and_columns_with_the_units_of_the_rig():
+    results = {"mass": 0.25119, "coulomb_friction": 0.2, "latency_s": 2e-3, "left_share": 0.011}
+    linear, rotary = (
+        list(lines(results, Units(position=x, force=f))) for x, f in (("m", "N"), ("rad", "Nm"))
+    )
+    assert linear == [
+        "mass                                0.2512 N s^2/m",
+        "dry friction                        0.2 N",
+        "latency                             0.002 s",
+        "share of the push left unexplained  0.011",
+    ]
+    assert rotary[0].endswith("0.2512 Nm s^2/rad")
+    found = {"verdict": "named", "payload_inertia.mass": 2.0}
+    assert list(lines(found, Units(position="m", force="N"), {"payload_inertia.mass": "kg"})) == [
+        "verdict                named",
+        "payload inertia: mass  2 kg",
+    ]
+
+
+def test_every_result_of_a_calibration_has_words():
+    for fit in (ForceFit, LagFit, TorqueLag, DeviceFit):
+        assert {field.name for field in fields(fit)} <= set(WORDS), fit
 
 
 def test_what_a_trial_does_not_simulate_is_named(tmp_path, call):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys, drivetrain
 from teleop_rt_drivers.calibration.force import force_keys, read_force
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, as_written, rewrite
+from teleop_rt_drivers.calibration.shown import OF_DEVICE, lines
 from teleop_rt_drivers.calibration.table import Ask, free_device, with_weights
 from teleop_rt_drivers.calibration.torque_lag import find_torque_lag
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
@@ -62,7 +63,8 @@ def calibrate_force(
         axis.close()
     fit = fit_weights(readings)
     results = {**asdict(fit), "linearity": fit.linearity, "unit": rig.units.force}
-    _finish(file, force_keys(rig, fit), results, write=write, as_json=as_json)
+    shown = lines(results, rig.units)
+    _finish(file, force_keys(rig, fit), results, shown, write=write, as_json=as_json)
 
 
 def masses_of(text: str) -> list[float]:
@@ -86,14 +88,16 @@ def calibrate_lag(
         ran = _recorded(recording)
         found = find_torque_lag(recording, drivetrain_of(ran)[1], ran, damping or 0.0)
         by_motor = torque_lag_keys(rig, found)
-        _finish(file, by_motor, asdict(found), write=write, as_json=as_json)
+        shown = lines(asdict(found), rig.units)
+        _finish(file, by_motor, asdict(found), shown, write=write, as_json=as_json)
         return
     fit = find_lag(recording, damping)
     keys: dict[KeyPath, float] = {
         ("sensors", "force_lag_ms"): fit.lag_ms,
         ("sensors", "force_lag_deviation_ms"): fit.deviation_ms,
     }
-    _finish(file, keys, asdict(fit), write=write, as_json=as_json)
+    shown = lines(asdict(fit), rig.units)
+    _finish(file, keys, asdict(fit), shown, write=write, as_json=as_json)
 
 
 def calibrate_drivetrain(
@@ -102,13 +106,17 @@ def calibrate_drivetrain(
     """Find friction and mass between motor and tool by a recording; print, and write."""
     rig, recorded = load_rig(file, AXIS_SCHEMAS), _recorded(recording)
     found = diagnose(recording, base)
-    results = {
-        f"{effect.name}.{name}": parameter.value
+    parameters = {
+        f"{effect.name}.{name}": parameter
         for effect in found.effects
         for name, parameter in effect.parameters.items()
     }
+    results = {name: parameter.value for name, parameter in parameters.items()}
     keys = drivetrain_keys(rig, found, recorded)
-    _finish(file, keys, {"verdict": found.verdict, **results}, write=write, as_json=as_json)
+    everything = {"verdict": found.verdict, **results}
+    units = {name: parameter.unit for name, parameter in parameters.items()}
+    shown = lines(everything, rig.units, units)
+    _finish(file, keys, everything, shown, write=write, as_json=as_json)
 
 
 def _recorded(recording: Path) -> RigConfig:
@@ -160,26 +168,32 @@ def calibrate_device(
     finally:
         device.close()
     fit = fit_device(motion)
-    _finish(file, device_keys(rig, transport, fit), asdict(fit), write=write, as_json=as_json)
+    keys = device_keys(rig, transport, fit)
+    shown = [*lines(asdict(fit), rig.units), OF_DEVICE]
+    _finish(file, keys, asdict(fit), shown, write=write, as_json=as_json)
 
 
 def _finish(
     file: Path,
     keys: Mapping[KeyPath, float],
     results: dict[str, Any],
+    shown: Iterable[str],
     *,
     write: bool,
     as_json: bool,
 ) -> None:
-    """Print what was found, and the keys as they are written where that is asked for."""
+    """Print what was found, and the keys as they are written where that is asked for.
+
+    `shown` are the lines of the results.
+    """
     named = {".".join(path): as_written(value) for path, value in keys.items()}
     kept = rewrite(file, keys) if write else None
     if as_json:
         numbers = {name: float(text) for name, text in named.items()}
         print(json.dumps({**results, "keys": numbers, "kept": None if kept is None else str(kept)}))
         return
-    for name, value in results.items():
-        print(f"{name:14} {as_written(value)}")
+    for line in shown:
+        print(line)
     for name, text in named.items():
         print(f"{name}: {text}")
     print(f"written; the old file is {kept}" if kept else "nothing was written: --write does")
