@@ -47,7 +47,7 @@ class RingWriter:
         header = memoryview(self._memory).cast("Q")
         self._counted = header[_COUNT_WORD : _COUNT_WORD + 1]
         self._words = memoryview(self._memory).cast("d")
-        self._columns = columns
+        self._stride = columns + 2
         self._capacity = capacity
         self._count = 0
         self._header[_COLUMNS_WORD] = columns
@@ -64,11 +64,12 @@ class RingWriter:
     def copy(self, row: memoryview[float]) -> None:
         """Copy a row (columns,) that lies in memory as doubles: a fraction of what `push` takes."""
         self._count = number = self._count + 1
-        words, columns = self._words, self._columns
-        first = _HEADER_WORDS + number % self._capacity * (columns + 2)
+        words = self._words
+        first = _HEADER_WORDS + number % self._capacity * self._stride
+        last = first + self._stride - 1
         words[first] = number
-        words[first + 1 : first + 1 + columns] = row
-        words[first + 1 + columns] = number
+        words[first + 1 : last] = row
+        words[last] = number
         self._counted[0] = number
 
     def close(self) -> None:
