@@ -13,6 +13,7 @@ from teleop_rt.contact.effects import LIBRARY, NAMES, find
 from teleop_rt.contact.effects.user import EffectError, load_file
 from teleop_rt.diagnosis.answers.extended import ExtendedModelError, read, write
 from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
+from teleop_rt.view.style import in_words
 
 VOCABULARY = {
     "contact_offset": ("environment", "kinematics"),
@@ -271,3 +272,11 @@ def test_an_extended_model_without_a_shape_is_refused(tmp_path: Path) -> None:
     write(path, answer_with({"friction_force": 2.5}))
     with pytest.raises(ExtendedModelError, match="presliding_travel"):
         read(path)
+
+
+@pytest.mark.parametrize("bias", [8.031, -8.031])
+def test_a_bias_of_either_sign_reads_as_what_the_sensor_shows(bias):
+    effect = find("force_bias")
+    shown = {"bias": {"value": bias, "std": None, "unit": "N"}}
+    words = in_words({"sentence": effect.sentence, "parameters": shown})
+    assert words == f"The force sensor reads {bias:.4g} N where the force is zero."

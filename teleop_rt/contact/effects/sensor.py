@@ -108,7 +108,7 @@ EFFECTS = (
         stage="sensor",
         amplitude=Amplitude("bias", "{f}"),
         step=_one,
-        sentence="The force sensor reads {bias} too much.",
+        sentence="The force sensor reads {bias} where the force is zero.",
         compensation="subtract_force",
         only_in_contact=False,
     ),
