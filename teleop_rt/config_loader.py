@@ -146,6 +146,8 @@ def _override(document: Document, override: str) -> None:
     keys = dotted.split(".")
     section = document.data
     for depth, key in enumerate(keys[:-1]):
+        if key not in section:  # it is in no file
+            document.places[tuple(keys[: depth + 1])] = OVERRIDE + override
         section = section.setdefault(key, {})
         if not isinstance(section, dict):
             message = f"{'.'.join(keys[: depth + 1])} is a value, it has no keys below it"

@@ -143,6 +143,11 @@ def test_a_key_in_another_unit_is_refused_with_the_unit_of_its_value(tmp_path, g
     assert any(problem.endswith(hint) for problem in found), found
 
 
+def test_an_override_below_a_section_of_no_file_is_reported_as_the_override(tmp_path):
+    (found,) = problems_of(tmp_path, overrides=["foo.bar=1"])
+    assert found.startswith("--set foo.bar=1: foo: unknown key")
+
+
 def test_an_override_without_its_unit_says_nothing_of_the_right_key_in_the_file(tmp_path):
     for override in ("slave.force_cap=90", "rig.limits.force_max=90"):
         [found] = problems_of(tmp_path, overrides=[override])

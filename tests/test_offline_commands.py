@@ -159,7 +159,7 @@ def test_all_missing_columns_are_named_at_once_with_those_that_may_be_meant(call
     own = write_csv(tmp_path / "own.csv", *press(), header="clock_s,indent_mm,loadcell_X")
     code, _, err = call("diagnose", own)
     assert code == 2
-    assert "no column for time and position and force" in err
+    assert "no column for time, position and force" in err
     assert "--columns time=clock_s position=indent_mm force=loadcell_X" in err
 
 

@@ -47,6 +47,11 @@ ADAPTERS = {
     ),
 }
 """Next step if an adapter cannot be opened, by its interface."""
+_NO_SOCKETCAN = (
+    "this kernel has no SocketCAN: `modprobe can_raw` loads it where it was built, which the"
+    " kernels of containers and small virtual machines often lack; slcan, gs_usb and fdcanusb do"
+    " without it"
+)
 
 
 class BusConfig(Section):
@@ -194,6 +199,8 @@ def open_bus(config: BusConfig) -> can.BusABC:
             return UnixBus(config.channel or "can")
         bus = _fdcanusb(config) if config.interface == FDCANUSB else _of_python_can(config)
     except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
+        if isinstance(error, OSError) and error.errno == errno.EAFNOSUPPORT:
+            raise AxisError(f"cannot open the bus {config}: {_NO_SOCKETCAN}") from error
         raise AxisError(f"cannot open the bus {config}: {error}; {_advice(config)}") from error
     if type(bus).recv is can.BusABC.recv:
         bus.recv = partial(receive, bus)  # type: ignore[method-assign]

@@ -129,11 +129,13 @@ def _worst(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]
     """Give the worst of the whole run, which no mean shows."""
     felt, met = summary["master"].get("worst"), summary["contact"].get("worst") or {}
     if felt is not None and felt["phantom_force"] is not None:
-        phantom = _number(felt["phantom_force"], f" {units.force}", 3)
+        phantom = "none"
+        if felt["phantom_force"] > 0.0:
+            most = _number(felt["phantom_force"], f" {units.force}", 3)
+            phantom = f"at most {most} where nothing is (at {felt['phantom_s']:.1f} s)"
         error = _number(felt["force_error"], f" {units.force}", 3)
-        where = f"at most {phantom} where nothing is (at {felt['phantom_s']:.1f} s)"
         largest = f"largest error {error} (at {felt['force_error_s']:.1f} s)"
-        yield "felt force: phantom", f"{where}; {largest}"
+        yield "felt force: phantom", f"{phantom}; {largest}"
     if met.get("surface_error") is not None:
         scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
         error = _number(scale * met["surface_error"], small, 3)

@@ -66,7 +66,8 @@ def _felt(run: Run, grade: Grade) -> Tile:
     met = master.get("worst")
     if met is not None and met["phantom_force"] is not None:
         phantom = with_unit(met["phantom_force"], run.units.force, 3)
-        lines.append(f"at most {phantom} where nothing is, at {met['phantom_s']:.1f} s")
+        at_most = f"at most {phantom} where nothing is, at {met['phantom_s']:.1f} s"
+        lines.append(at_most if met["phantom_force"] > 0.0 else "nothing felt where nothing is")
     return Tile("Force under the hand", grade, f"{100 * nrmse:.2g} % error", tuple(lines))
 
 

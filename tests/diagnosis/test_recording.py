@@ -108,6 +108,10 @@ def test_lines_of_another_length_are_reported_in_few_words(
     with pytest.raises(RecordingError, match="line 3 has 4 fields, not 3") as raised:
         load(path)
     assert len(str(raised.value)) < 500
+    assert "UTF-8" not in str(raised.value)
+    path.write_text("\n".join([header, *(line.replace(".", ",") for line in (first, *rest))]))
+    with pytest.raises(RecordingError, match=r"separate the columns by semicolons$"):
+        load(path)
 
 
 def test_foreign_columns_units_and_signs_are_read_from_the_yaml_beside(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
+import os
 import re
 import socket
 
@@ -160,10 +162,24 @@ def test_a_channel_that_is_no_multicast_group_is_refused_with_the_next_step():
         open_bus(config)
 
 
-def test_a_missing_socketcan_interface_is_refused_with_the_next_step():
+@pytest.mark.parametrize(
+    ("number", "next_step", "useless"),
+    [
+        (errno.ENODEV, "ip link set can77 up type can bitrate 500000", "modprobe"),
+        (errno.EAFNOSUPPORT, "this kernel has no SocketCAN: `modprobe can_raw`", "ip link"),
+    ],
+)
+def test_a_missing_socketcan_interface_is_refused_with_the_next_step(
+    monkeypatch, number, next_step, useless
+):
+    def refused(**_options):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(can, "Bus", refused)
     config = BusConfig(interface="socketcan", channel="can77", bitrate=500_000)
-    with pytest.raises(AxisError, match="ip link set can77 up type can bitrate 500000"):
+    with pytest.raises(AxisError, match=next_step) as raised:
         open_bus(config)
+    assert useless not in str(raised.value)
 
 
 def test_an_unknown_interface_is_refused():

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from teleop_rt.section import Units
+from teleop_rt.trial import table
 from teleop_rt.trial.felt_force import Felt
 from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
 
@@ -24,6 +26,17 @@ def test_a_wall_that_is_not_there_counts_before_contact_has_converged_too():
     assert found["phantom_s"] == pytest.approx(0.002)
     assert found["force_error"] == 9.0
     assert found["force_range"] == 60.0
+
+
+@pytest.mark.parametrize(
+    ("phantom", "words"),
+    [(0.0, "none; largest"), (1.5, "at most 1.5 N where nothing is (at 5.2 s)")],
+)
+def test_a_phantom_of_no_force_has_no_time(phantom, words):
+    felt = {"phantom_force": phantom, "phantom_s": 5.2, "force_error": 11.1, "force_error_s": 1.0}
+    summary = {"master": {"worst": felt}, "contact": {}}
+    ((_, line),) = table._worst(summary, Units(position="m", force="N"))
+    assert line.startswith(words)
 
 
 def test_a_force_that_is_too_large_inside_the_true_wall_is_no_phantom():

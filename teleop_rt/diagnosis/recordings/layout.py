@@ -104,10 +104,16 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
         if "time" not in found and layout.rate_hz is None:
             lacking.insert(0, "time")
         raise RecordingError(
-            f"{path}: no column for {' and '.join(lacking)}; there are: {', '.join(table)}; name it"
+            f"{path}: no column for {_listed(lacking)}; there are: {', '.join(table)}; name it"
             f" with {_flags(table, lacking)} or in {path.stem}.columns.yaml"
         )
     return found
+
+
+def _listed(roles: Sequence[str]) -> str:
+    """Return the roles as a sentence lists them."""
+    *first, last = roles
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _flags(table: Mapping[str, Vector], lacking: Sequence[str]) -> str:

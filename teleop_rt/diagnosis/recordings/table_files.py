@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.text_tables import read_text
+from teleop_rt.diagnosis.recordings.text_tables import TableError, read_text
 from teleop_rt.errors import RecordingError
 from teleop_rt.recording_memory import most_bytes, refuse_more
 
@@ -58,8 +58,9 @@ def read_table(path: Path) -> dict[str, Vector]:
         reason = " ".join(str(error).split()) or "there is too little memory"
         if len(reason) > _LONGEST_REASON:  # one that lists every line that is wrong
             reason = f"{reason[:_LONGEST_REASON]} ..."
+        next_step = "" if isinstance(error, TableError) else f"; {_NEXT_STEP[path.suffix.lower()]}"
         raise RecordingError(
-            f"{path}: cannot be read as {path.suffix}: {reason}; {_NEXT_STEP[path.suffix.lower()]}"
+            f"{path}: cannot be read as {path.suffix}: {reason}{next_step}"
         ) from error
 
 

@@ -38,7 +38,7 @@ _DELIMITERS = ("\t", ";", None, ",")
 """In the order in which they are tried; None: runs of blanks. A comma may also mark decimals."""
 _COMMENT = "#"
 _SHOWN = 40  # characters of a cell in a message
-_HINT = "; if commas mark the decimals, separate the columns by ;"
+_HINT = "; if commas mark the decimals, separate the columns by semicolons"
 _FIGURE = re.compile(
     r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE
 )
@@ -61,6 +61,10 @@ class _Text:
     delimiter: str | None
     names: list[str]
     first: int
+
+
+class TableError(ValueError):
+    """A table of text has a fault at a place that the message names."""
 
 
 def read_text(path: Path) -> dict[str, Vector]:
@@ -158,9 +162,9 @@ def _refuse_other_count(line: str, delimiter: str | None, first: int, columns: i
         return
     hint = _HINT if delimiter == "," else ""
     if all(map(_is_number, cells)):
-        raise ValueError(f"line {first + 1} has {columns} fields, not {len(cells)}{hint}")
+        raise TableError(f"line {first + 1} has {columns} fields, not {len(cells)}{hint}")
     if not any(map(_is_number, cells)):
-        raise ValueError(f"{len(cells)} names for {columns} columns{hint}")
+        raise TableError(f"{len(cells)} names for {columns} columns{hint}")
 
 
 def _is_name_of(cells: Sequence[str], columns: int) -> bool:
@@ -205,7 +209,10 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
                 continue
             cells = _cells(row, text.delimiter)
             if len(cells) != len(text.names):
-                raise ValueError(f"line {number} has {len(cells)} fields, not {len(text.names)}")
+                raise TableError(
+                    f"line {number} has {len(cells)} fields, not {len(text.names)}: complete it,"
+                    " or remove it"
+                )
             for name, cell in zip(text.names, cells, strict=True):
                 numbers.append(_number_of(cell))
                 if cell and not _is_number(cell):
@@ -213,7 +220,7 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
                 elif _DECIMAL.fullmatch(cell):
                     marks.add("," in cell)
             if len(marks) > 1:
-                raise ValueError("numbers have both , and . for decimals: save it with one of them")
+                raise TableError("numbers have both , and . for decimals: save it with one of them")
     _note_texts(text.path, texts)
     return np.frombuffer(numbers).reshape(-1, len(text.names))
 
