@@ -97,6 +97,11 @@ def of_safety(safety: Mapping[str, Any]) -> Grade:
     return "bad" if safety["fault"]["code"] or safety.get("unsafe") else "good"
 
 
+def of_fault(safety: Mapping[str, Any]) -> Grade:
+    """Return the grade of how a run ended, whatever safeguard its rig goes without."""
+    return of_safety({**safety, "unsafe": ()})
+
+
 def of_loop(missed: int | None, ticks: int, *, interrupted: bool = False) -> Grade:
     """Return the grade of the loop by the share of ticks missed; an interrupted run is not good."""
     if missed is None:

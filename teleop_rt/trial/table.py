@@ -10,7 +10,7 @@ from rich.table import Table
 
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.section import Units
-from teleop_rt.trial.grades import COLOURS, MARKS, grades
+from teleop_rt.trial.grades import COLOURS, MARKS, grades, of_fault
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
 
 _GRADED = {
@@ -20,7 +20,7 @@ _GRADED = {
     "surface: worst error": "surface",
     "model": "model",
     "link": "link",
-    "safety": "safety",
+    "safety": "end",
     "unsafe": "safety",
 }
 """Which line of the table shows which grade."""
@@ -40,7 +40,7 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
     for line in estimator_lines(summary):
         console.print(line, highlight=False, soft_wrap=True)
     table = Table(show_header=False, box=None, pad_edge=False)
-    graded = grades(summary)
+    graded = grades(summary) | {"end": of_fault(summary["safety"])}
     for name, value in _lines(summary, units):
         grade = graded.get(_GRADED.get(name, ""))
         mark = "" if grade is None else f"[{COLOURS[grade]}]{MARKS[grade]}[/]"

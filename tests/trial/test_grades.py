@@ -84,3 +84,8 @@ def test_the_worst_grade_counts_and_what_is_not_known_weighs_nothing():
     assert grades.worst(["good", "attention", "bad"]) == "bad"
     assert grades.worst(["unknown", "good"]) == "good"
     assert grades.worst([]) == "unknown"
+
+
+@pytest.mark.parametrize(("code", "grade"), [(0, "good"), (3, "bad"), (None, "unknown")])
+def test_how_a_run_ended_is_graded_apart_from_the_safeguards_of_its_rig(code, grade):
+    assert grades.of_fault({"fault": {"code": code}, "unsafe": ["no watchdog"]}) == grade
