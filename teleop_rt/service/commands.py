@@ -143,8 +143,9 @@ def _link(link: Mapping[str, Any]) -> str:
     )
     if link["trouble"]:
         return f"link: {link['trouble']}: {link['cause']}; {counted}"
-    silence = _quantity(link["silence_ms"], "ms")
-    return f"link: last packet {silence} ago, {counted}"
+    silence_ms = link["silence_ms"]
+    ago = "unknown" if silence_ms is None else f"{max(0.0, silence_ms):.3g} ms"
+    return f"link: last packet {ago} ago, {counted}"
 
 
 def _quantity(value: float | None, unit: str) -> str:

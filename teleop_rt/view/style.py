@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -190,7 +191,14 @@ def parameter(name: str, content: Any) -> str:
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
     note = " (not identified)" if content.get("identified") is False else ""
-    return f"{name} = {content['value']:.5g}{spread}{unit}{note}"
+    return f"{name} = {_as_sure(content['value'], std):.5g}{spread}{unit}{note}"
+
+
+def _as_sure(value: float, std: float | None) -> float:
+    """Return a value without the digits below the two that its standard deviation is shown with."""
+    if not std or not math.isfinite(std):
+        return value
+    return round(value, 1 - math.floor(math.log10(abs(std))))
 
 
 def in_words(effect: Mapping[str, Any]) -> str:

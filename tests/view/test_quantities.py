@@ -34,6 +34,10 @@ def test_a_position_is_shown_in_thousandths_and_one_that_is_unknown_as_a_dash():
 def test_a_length_among_the_parameters_is_shown_in_mm_and_an_angle_as_it_is():
     shown = parameter("travel", {"value": 4e-4, "std": 2.5e-6, "unit": "m"})
     assert shown == "travel = 0.4 ± 0.0025 mm"
+    unsure = parameter("surface", {"value": -1.9576e-8, "std": 3.5e-7, "unit": "m"})
+    assert unsure == "surface = -2e-05 ± 0.00035 mm"
+    sure = parameter("k", {"value": 3600.348, "std": 0.4512, "unit": "N/m"})
+    assert sure == "k = 3600.3 ± 0.45 N/m"
     assert parameter("gap", {"value": 2e-3, "std": None, "unit": "m"}) == "gap = 2 mm"
     assert parameter("phase", {"value": 0.5, "std": None, "unit": "rad"}) == "phase = 0.5 rad"
 
