@@ -74,7 +74,10 @@ class _Each:
             with chdir(self.folder):  # a worker may have been started elsewhere
                 return {"code": 0, "answer": self.work.answer(Path(given), case["name"])}
         except (ExpectedError, ValueError) as error:
-            return {"code": BAD_INPUT, "answer": {"recording": given, "problem": str(error)}}
+            problem, name = str(error), f"{Path(given).name}: "
+            if problem.startswith(name):  # of many files one name may lie in several folders
+                problem = f"{given}: {problem.removeprefix(name)}"
+            return {"code": BAD_INPUT, "answer": {"recording": given, "problem": problem}}
         except OSError as error:
             problem = f"{error.filename or given}: cannot be read or written: {error.strerror}"
             return {"code": BAD_INPUT, "answer": {"recording": given, "problem": problem}}

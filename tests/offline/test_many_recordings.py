@@ -237,6 +237,17 @@ def test_a_killed_command_goes_on_where_it_stopped(call, folder, tmp_path):
     assert out == call("replay", folder, *CHOSEN, "--json")[1]
 
 
+def test_each_problem_names_its_file_as_it_was_given(call, folder):
+    short = folder / "deeper" / "short.csv"
+    short.write_text("t_s,position [m],force [N]\n0,0,0\n0.001,0,1\n")
+    code, out, _ = call("replay", folder, *CHOSEN, "--json", "--jobs", 1)
+    problems = [json.loads(line).get("problem") for line in out.splitlines()]
+    assert code == 2
+    assert [one for one in problems if one and "too short" in one] == [
+        f"{short}: too short: 2 samples, at least 300 are needed"
+    ]
+
+
 def test_an_error_nobody_expected_ends_no_other_recording(call, folder, monkeypatch):
     plain = work.replay
 
