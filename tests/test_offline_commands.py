@@ -509,15 +509,19 @@ def test_a_size_that_would_have_been_detected_has_its_unit_with_the_values_in_it
     assert size_seen(share) == "set 0.01 (ratio)"
 
 
-def test_sizes_that_would_have_been_detected_are_one_line_and_the_last(call, tmp_path):
+def test_sizes_that_would_have_been_detected_are_two_columns_below_all_else(call, tmp_path):
     recording = write_csv(tmp_path / "clean.csv", *press(noise=0.2))
     code, out, _ = call("diagnose", recording, "--surface", "0.010")
     lines = out.splitlines()
     assert code == 0
     assert "no missing effect" in lines[0]
-    assert [n for n, line in enumerate(lines) if "would have been detected" in line] == [
-        len(lines) - 1
-    ]
+    (heading,) = [n for n, line in enumerate(lines) if "would have been detected" in line]
+    rows = lines[heading + 1 :]
+    assert len(rows) > 5
+    assert all(line.startswith("    ") and len(line) < 100 for line in rows)
+    assert any(line.lstrip().startswith("adhesion ") for line in rows)
+    places = {line.rindex("   ") for line in rows[:-1]}
+    assert len(places) == 1, "the second column begins at one place"
 
 
 def test_a_base_that_explains_all_is_printed_before_what_a_wrong_one_lacks(call, tmp_path):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,9 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         )
     seen = [size_seen(one) for one in answer["detectable"] if one["size"] is not None]
     if answer["verdict"] == "no_missing_effect" and seen:
-        say(f"  sizes that would have been detected (shapes: --json): above {'; '.join(seen)}")
+        say("  would have been detected (shapes: --json), above:")
+        for line in _in_two_columns(seen):
+            say(f"    {line}")
 
 
 def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
@@ -167,6 +170,14 @@ def size_seen(effect: Mapping[str, Any]) -> str:
     for name, value in effect["shape"].items():
         unit = unit.replace(name, f"{value:.3g}")
     return f"{effect['name'].replace('_', ' ')} {_share(effect['size'])} {unit}"
+
+
+def _in_two_columns(texts: Sequence[str]) -> Iterator[str]:
+    """Give the texts in two columns, which are read downwards."""
+    rows = (len(texts) + 1) // 2
+    width = max(map(len, texts[:rows]))
+    for left, right in zip_longest(texts[:rows], texts[rows:], fillvalue=""):
+        yield f"{left:{width}}   {right}".rstrip()
 
 
 def _share(value: float | None) -> str:
