@@ -109,8 +109,9 @@ def safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
     lines = [f"last state {recorded['state']}"]
     if limited:
         lines.append(
-            f"{counted(limited, 'command')} of {summary['ticks']} eased: the target was not within"
-            " reach of one tick at the rig's limits of velocity and acceleration"
+            f"the limiter works as intended: it kept {counted(limited, 'command')} of"
+            f" {summary['ticks']} within the rig's limits of velocity and acceleration, where the"
+            " target would have passed them"
         )
     unsafe = tuple(f"unsafe: {sentence}" for sentence in recorded.get("unsafe") or ())
     if unsafe and fault["code"] == 0:

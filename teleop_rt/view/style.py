@@ -80,7 +80,7 @@ MEASURED, PREDICTED, RENDERED = "measured (slave)", "predicted (model)", "render
 RAW, FILTERED = "measured, raw", "measured, filtered as the estimators see it"
 TRUE_FORCE, FELT = "true environment", "felt (rendered by the master)"
 REFLECTED = "the slave's force, reflected over the link"
-ASKED, SURFACE, RESIDUAL = "asked for (master)", "surface", "measured - predicted"
+ASKED, SURFACE, RESIDUAL = "asked for (master)", "surface", "residual: measured - predicted"
 """Names of these curves on every page."""
 IN_THE_DARK = MappingProxyType(
     {getattr(LIGHT, role.name): getattr(DARK, role.name) for role in fields(Palette)}

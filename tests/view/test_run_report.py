@@ -40,6 +40,7 @@ from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
 from teleop_rt.view.compare import compared
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.run_folder import load_run, read_recorded
+from teleop_rt.view.style import RESIDUAL, parameter
 
 
 def run_trial(folder, *changes):
@@ -105,6 +106,19 @@ def test_a_safeguard_that_the_rig_goes_without_is_a_red_tile(good):
     assert COLOURS["bad"] == "bold red"
 
 
+def test_limited_commands_beside_no_fault_are_said_to_be_intended(good):
+    summary = read_summary(good)
+    summary["safety"] |= {"commands_limited": 9805, "unsafe": []}
+    tile = headline.safety(summary, grades(summary)["safety"])
+    assert (tile.grade, tile.value) == ("good", "no fault")
+    (line,) = (one for one in tile.lines if "9805 commands" in one)
+    assert line.startswith("the limiter works as intended")
+
+
+def test_the_key_of_the_residual_names_it_as_its_own_panel_does():
+    assert RESIDUAL.startswith("residual: ")
+
+
 def first_screen(folder: Path) -> str:
     page = (folder / "report.html").read_text()
     return page[: page.index("<h2>Force and residual")]
@@ -120,7 +134,7 @@ def test_the_first_screen_says_that_it_worked_and_how_well(good):
     screen = first_screen(good)
     summary = json.loads((good / "summary.json").read_text())
     assert "Ran to its end" in screen or "It worked" in screen
-    assert f"k = {summary['selected']['parameters']['k']['value']:.5g}" in screen
+    assert parameter("k", summary["selected"]["parameters"]["k"]) in screen
     assert f"{100 * summary['master']['nrmse']:.2g} % error" in screen
     assert f"0 of {summary['ticks']} ticks missed" in screen
     assert f"teleop-rt {summary['software']['version']}" in screen
