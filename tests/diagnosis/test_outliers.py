@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy
 
 from teleop_rt.diagnosis.answers.outliers import effect_of, of_motion
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import outliers
+from teleop_rt.diagnosis.samples.rows import force_noise, outliers
 
 
 def moved() -> RecordedMotion:
@@ -54,7 +55,7 @@ def test_at_100_hz_only_single_samples_are_wrong_because_two_are_a_motion() -> N
     assert np.flatnonzero(found).tolist() == [100]
 
 
-@pytest.mark.parametrize("frequency_hz", [12.0, 33.0, 57.8, 110.0])
+@pytest.mark.parametrize("frequency_hz", [12.0, 33.0, 57.8, 71.4, 100.0, 110.0, 143.0, 200.0])
 def test_the_peaks_of_a_tone_are_no_outliers(frequency_hz: float) -> None:
     depth, force = pressed(2e-3)
     force += 1.0 * np.sin(2.0 * np.pi * frequency_hz * 2e-3 * np.arange(force.size))
@@ -67,3 +68,13 @@ def test_one_burst_is_an_event_and_three_are_an_effect_of_the_channel() -> None:
     assert effect_of(found) is None
     found[[3000, 6000]] = 1.0
     assert effect_of(found) is not None
+
+
+def test_neither_filtered_nor_clipped_noise_holds_outliers() -> None:
+    depth, _ = pressed(1e-3)
+    white = np.random.default_rng(3).normal(size=depth.size)
+    filtered = scipy.signal.lfilter(*scipy.signal.butter(2, 0.25), white)
+    force = 3000.0 * depth
+    assert not outliers(force + filtered, depth, force_noise(force + filtered), 1e-3).any()
+    clipped = np.minimum(force + white, np.quantile(force, 0.4))
+    assert not outliers(clipped, depth, force_noise(clipped), 1e-3).any()

@@ -20,8 +20,9 @@ _OUTLIER_SIGMAS = (
 )
 # Samples and s: a burst of errors. Longer, the force may be one that moves something.
 _LONGEST_BURST, _LONGEST_BURST_S = 4, 0.01
-_AROUND_SAMPLES = 21  # of which the tone's other periods make the deviation; odd
-_OUTLIER_RATIO = 2.0  # times the deviation around; a tone reaches 1.5
+_APART_SAMPLES = (5, 7)  # more than a burst
+_NOISE_SAMPLES = 101  # around a sample, of which the deviation is taken: many more than a burst
+_OUTLIER_RATIO = 5.0  # times that deviation; noise reaches 4.5 once in 100 000 samples
 _SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
 
 Stretch = tuple[int, int]
@@ -104,13 +105,15 @@ def _off_neighbours(row: Vector, length: int) -> tuple[Vector, Vector, Vector]:
 
 
 def _local_deviation(row: Vector) -> Vector:
-    """Return the deviation about the running median, within `_AROUND_SAMPLES` of each sample.
+    """Return the deviation of the noise around each sample, from differences of distant samples.
 
-    The median follows a slope, and a burst changes neither it nor the median of what is off it.
+    Of second differences, which have no slope, over more than a burst: a channel's filter leaves
+    noise whose neighbours differ little, and a limit that cuts a part of the row leaves none there.
+    A tone that one distance does not show is shown by the other.
     """
-    off = np.abs(row - scipy.ndimage.median_filter(row, _AROUND_SAMPLES))
-    middle = scipy.ndimage.median_filter(off, _AROUND_SAMPLES)
-    return np.asarray(middle / MAD_PER_DEVIATION, dtype=np.float64)
+    apart = [np.abs(np.roll(row, far) - 2.0 * row + np.roll(row, -far)) for far in _APART_SAMPLES]
+    middle = [scipy.ndimage.median_filter(each, _NOISE_SAMPLES) for each in apart]
+    return np.asarray(np.max(middle, axis=0) / (MAD_PER_DEVIATION * 6.0**0.5), dtype=np.float64)
 
 
 def outliers(force: Vector, x: Vector, noise: float, dt: float) -> Vector:
