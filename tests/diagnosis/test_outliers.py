@@ -78,3 +78,13 @@ def test_neither_filtered_nor_clipped_noise_holds_outliers() -> None:
     assert not outliers(force + filtered, depth, force_noise(force + filtered), 1e-3).any()
     clipped = np.minimum(force + white, np.quantile(force, 0.4))
     assert not outliers(clipped, depth, force_noise(clipped), 1e-3).any()
+
+
+def test_wrong_samples_beside_a_touch_and_beside_one_another_are_found() -> None:
+    t = 1e-3 * np.arange(4000)
+    depth = 0.004 * np.sin(2.0 * np.pi * 1.3 * t)
+    force = np.maximum(3000.0 * depth, 0.0) + 0.05 * np.random.default_rng(7).normal(size=t.size)
+    wrong = np.zeros(t.size)
+    touch = int(np.flatnonzero((depth[1:] <= 0.0) & (depth[:-1] > 0.0))[0])
+    wrong[touch + 3], wrong[1000], wrong[1002] = 20.0, 20.0, -20.0
+    assert np.array_equal(outliers(force + wrong, depth, 0.05, 1e-3), (wrong != 0.0).astype(float))

@@ -47,10 +47,11 @@ def _attraction(
 ) -> float:
     """Pull the tool in all through a contact, and on until it is out of range.
 
-    After Derjaguin, Muller and Toporov (1975): what attracts acts beside the elastic force.
+    After Derjaguin, Muller and Toporov (1975): what attracts acts beside the elastic force. A power
+    above 1 is a liquid's neck, whose force falls nearly exponentially until it breaks.
     """
     _touch(state, x, eta[0])
-    return float(-state[0] * (1.0 - min(max(-x, 0.0) / eta[0], 1.0)))
+    return float(-state[0] * (1.0 - min(max(-x, 0.0) / eta[0], 1.0)) ** eta[1])
 
 
 @kernel
@@ -105,13 +106,14 @@ def _law(law: str, step: StepFunction, where: str, *shapes: Shape) -> Effect:
 
 
 _SHARP = Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)
+_NECK = Shape("power", "1", 0.7, 5.0, 1.0, logarithmic=True, points=2)
 _ROUND = Shape("power", "1", 0.7, 3.0, 1.5, logarithmic=True, points=1)
 _RISE = Shape("rise", "1", 0.3, 2.0, 1.0, logarithmic=True, points=1)
 _FALL = Shape("fall", "1", 0.02, 2.0, 0.3, logarithmic=True, points=2)
 EFFECTS = (
     _law("bridge", _bridge, "within {range} after a contact.", _SHARP),
     _law("neck", _neck, "where a neck is stretched, up to {range}, after a contact.", _RISE, _FALL),
-    _law("in contact and after", _attraction, "in contact and within {range} after it."),
+    _law("in contact and after", _attraction, "in contact and within {range} after it.", _NECK),
     _law("near the surface", _bond, "within {range} on both of its sides.", _ROUND),
     _law("on withdrawal", _sticking_withdrawal, "within {range} on withdrawal."),
 )

@@ -24,6 +24,7 @@ _APART_SAMPLES = (5, 7)  # more than a burst
 _NOISE_SAMPLES = 101  # around a sample, of which the deviation is taken: many more than a burst
 _OUTLIER_RATIO = 5.0  # times that deviation; noise reaches 4.5 once in 100 000 samples
 _SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
+_TOUCH_SPREAD = 0.1  # of the distance; beside one crossing, neighbours that agree show no contact
 
 Stretch = tuple[int, int]
 """First sample, and first past the stretch."""
@@ -88,9 +89,10 @@ def without_lone(row: Vector) -> Vector:
 def _off_neighbours(row: Vector, length: int) -> tuple[Vector, Vector, Vector]:
     """Return how far `length` samples lie from two neighbours on either side, at the first of them.
 
-    The nearest sample's distance from the neighbours' median, the range of these, both less what
-    the row's slope does over the samples, and the nearest sample's distance beyond all neighbours,
-    which at a corner of the row is none. At the ends the row goes round.
+    The nearest sample's distance from the neighbours' median, the range of the three of these that
+    agree best (the fourth may be wrong itself), and the nearest sample's distance beyond all four,
+    which at a corner of the row is none. What the row's slope does over the samples is taken off
+    the first two. At the ends the row goes round.
     """
     places = np.array([-2, -1, length, length + 1])
     around = np.array([np.roll(row, -place) for place in places])
@@ -101,7 +103,9 @@ def _off_neighbours(row: Vector, length: int) -> tuple[Vector, Vector, Vector]:
     around[2:] -= (length - 1) * slope
     inside -= np.multiply.outer(np.arange(length), slope)
     away = np.abs(inside - np.median(around, axis=0))
-    return away.min(axis=0), np.ptp(around, axis=0), beyond.min(axis=0)
+    around.sort(axis=0)
+    spread = np.minimum(around[2] - around[0], around[3] - around[1])
+    return away.min(axis=0), spread, beyond.min(axis=0)
 
 
 def _local_deviation(row: Vector) -> Vector:
@@ -119,19 +123,19 @@ def _local_deviation(row: Vector) -> Vector:
 def outliers(force: Vector, x: Vector, noise: float, dt: float) -> Vector:
     """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
 
-    Up to `_LONGEST_BURST_S` of them in a row. The neighbours must agree among themselves and lie on
-    one side of the surface, so neither an impact nor a step is an outlier. Around them the row must
-    be steadier, so a period of a tone is none.
+    Up to `_LONGEST_BURST_S` of them in a row. The neighbours must agree among themselves, and
+    almost exactly where the tool crosses the surface beside them, so neither an impact nor a step
+    is an outlier. Around them the row must be steadier, so a period of a tone is none.
     """
     found = np.zeros(force.size, dtype=np.bool_)
     least = np.maximum(_OUTLIER_SIGMAS * noise, _OUTLIER_RATIO * _local_deviation(force))
+    crossings = np.abs(np.diff(touches(x).astype(np.float64), prepend=float(touches(x[:1])[0])))
+    beside = np.convolve(crossings, np.ones(2 * _SURFACE_SAMPLES + 1), mode="same")
+    allowed = np.select([beside == 0.0, beside == 1.0], [0.5, _TOUCH_SPREAD], 0.0)
     for length in range(1, max(1, min(_LONGEST_BURST, int(_LONGEST_BURST_S / dt))) + 1):
         away, spread, beyond = _off_neighbours(force, length)
-        first = (away > least) & (np.maximum(spread, away - beyond) < 0.5 * away)
+        first = (away > least) & (spread < allowed * away) & (away - beyond < allowed * away)
         for later in range(length):
             found |= np.roll(first, later)
-    inside = touches(x)
-    for shift in range(-_SURFACE_SAMPLES, _SURFACE_SAMPLES + 1):
-        found &= np.roll(inside, shift) == inside
     found[:_SURFACE_SAMPLES] = found[-_SURFACE_SAMPLES:] = False
     return np.asarray(found, dtype=np.float64)
