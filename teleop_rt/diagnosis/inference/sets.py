@@ -30,6 +30,9 @@ OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one r
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
+# Of chi-square. Below it a second harmonic only adapts to what no law of the set describes: on
+# measured recordings it took off up to 18 %, and the error on other blocks rose by half.
+_LEAST_EXTENSION = 0.25
 _EVALUATIONS = 8  # of a descent at a lower rate; sets are compared by their error
 _LAST_EVALUATIONS = 3  # of the likeliest fits at the full rate, from the optimum at the lower one
 _T = TypeVar("_T")
@@ -159,7 +162,8 @@ class _Steps:
             for start in starts
         ]
         for best in best_by_name(fits)[:1]:
-            fits += self._once("extended", best, partial(extended, near, best, effects))
+            more = self._once("extended", best, partial(extended, near, best, effects))
+            fits += [fit for fit in more if fit.chi2 < (1.0 - _LEAST_EXTENSION) * best.chi2]
         likely = [f for f in best_by_name(fits)[:_RECLAMPED] if len(f.model.clamps) > 1]
         fits += [self._once("clamp", f, partial(with_other_clamp, near, f)) for f in likely]
         return near, fits
