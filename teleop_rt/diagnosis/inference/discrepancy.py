@@ -38,7 +38,7 @@ def needs_unknown_remainder(
     if len(best.names) > 1 and left > EXCESS_NOISE_RATIO * noise:
         return True
     before, after = (
-        max(blind_energy(plain.problem, fit) - noise**2, 0.0) for fit in (plain.base, plain.best)
+        blind_energy(plain.problem, fit) - noise**2 for fit in (plain.base, plain.best)
     )
     return after >= before or after > max(_LARGEST_LEFT * before, _FURTHER_NOISE * noise**2)
 
