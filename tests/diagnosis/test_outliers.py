@@ -88,3 +88,13 @@ def test_wrong_samples_beside_a_touch_and_beside_one_another_are_found() -> None
     touch = int(np.flatnonzero((depth[1:] <= 0.0) & (depth[:-1] > 0.0))[0])
     wrong[touch + 3], wrong[1000], wrong[1002] = 20.0, 20.0, -20.0
     assert np.array_equal(outliers(force + wrong, depth, 0.05, 1e-3), (wrong != 0.0).astype(float))
+
+
+def test_the_force_of_fast_reversals_of_the_tool_holds_no_outliers() -> None:
+    t = 1e-3 * np.arange(8000)
+    steps = np.sign(np.sin(2.0 * np.pi * 2.3 * t) + np.sin(2.0 * np.pi * 3.7 * t))
+    moved = scipy.signal.lfilter(*scipy.signal.cheby1(2, 6.0, 0.15), 3e-3 * steps)  # it rings
+    depth = 5e-3 + moved
+    force = 3000.0 * depth + 20.0 * np.gradient(depth, 1e-3)
+    force += 0.05 * np.random.default_rng(7).normal(size=t.size)
+    assert not outliers(force, depth, force_noise(force), 1e-3).any()

@@ -69,7 +69,7 @@ def test_a_fork_that_prepares_itself_writes_what_it_took_over_without_page_fault
 
 def test_a_fork_obeys_a_signal_also_where_the_run_turns_signals_into_interrupts(supervisor):
     with Interrupts() as interrupts:
-        interrupts.ignore()
+        interrupts.hold()
         child = supervisor.start("master", signal.pause)
         supervisor.end(["master"])
     assert child.process.wait() == -signal.SIGTERM
