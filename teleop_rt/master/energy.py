@@ -130,8 +130,9 @@ def observe(
     count(p, acted, force, stored_J, change_J + surface_J)
     if not bounded:
         p.taken_J = stored_J  # when that begins, what is stored was taken
-    made_J = stored_J - p.stored_J - change_J - surface_J
-    p.made_J = 0.0 if math.isinf(stored_J) else made_J
+    p.made_J = 0.0
+    if not math.isinf(stored_J):  # of an unknown wall; without the compiler inf - inf is a warning
+        p.made_J = stored_J - p.stored_J - change_J - surface_J
     leaving, p.stored_J = stored_J < p.stored_J, stored_J
     p.turned_J = p.turned_J if leaving else stored_J
     force = paid(p, force, stored_J, leaving, bounded)
