@@ -6,9 +6,11 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import (
     adhesion,
     elastic,
+    friction,
     hysteresis,
     kinematics,
     relaxation,
+    ripple,
     sensor,
     tool,
 )
@@ -19,7 +21,9 @@ LIBRARY: tuple[Effect, ...] = (
     *relaxation.EFFECTS,
     *hysteresis.EFFECTS,
     *adhesion.EFFECTS,
+    *friction.EFFECTS,
     *tool.EFFECTS,
+    *ripple.EFFECTS,
     *sensor.EFFECTS,
 )
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(effect.name for effect in LIBRARY))

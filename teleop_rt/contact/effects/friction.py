@@ -1,0 +1,176 @@
+"""Dry friction of the tool and its guide, and of a body in contact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import exp, tanh
+
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _smoothed_sign(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return tanh(v / eta[0])
+
+
+@kernel
+def _smoothed_sign_with_depth(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(tanh(v / eta[0]) * max(x, 0.0))
+
+
+@kernel
+def _presliding(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance Dahl's z' = v/d (1 - z sgn v): elastic before it slides; exact over a sample."""
+    sign = 1.0 if v > 0.0 else -1.0
+    state[0] = sign + (state[0] - sign) * exp(-abs(v) * dt / eta[0])
+    return float(state[0])
+
+
+@kernel
+def _sign_by_direction(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    slid = tanh(v / eta[0])
+    return slid if v > 0.0 else float(eta[1] * slid)
+
+
+@kernel
+def _presliding_by_direction(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    goal = 1.0 if v > 0.0 else -eta[1]
+    state[0] = goal + (state[0] - goal) * exp(-abs(v) * dt / eta[0])
+    return float(state[0])
+
+
+@kernel
+def _stribeck_smoothed(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(tanh(v / eta[2]) * (1.0 + eta[1] * exp(-((v / eta[0]) ** 2))))
+
+
+@kernel
+def _stribeck_presliding(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    sign = 1.0 if v > 0.0 else -1.0
+    level = 1.0 + eta[1] * exp(-((v / eta[0]) ** 2))
+    goal = sign * level
+    state[0] = goal + (state[0] - goal) * exp(-abs(v) * dt / (eta[2] * level))
+    return float(state[0])
+
+
+_SMOOTHING = Shape(
+    "smoothing_velocity",
+    "{x}/s",
+    5e-4,
+    0.2,
+    0.01,
+    logarithmic=True,
+    relative_to="speed",
+    points=6,
+    ideal="lower",
+)
+# Seals and fretting joints give by up to half of a small stroke before they slide.
+_PRESLIDING = Shape(
+    "presliding_travel",
+    "{x}",
+    5e-5,
+    0.6,
+    2e-3,
+    logarithmic=True,
+    relative_to="travel",
+    points=7,
+    ideal="lower",
+)
+# Friction that gives way over more is not seen to fall with speed.
+_SHORT_PRESLIDING = replace(_PRESLIDING, upper=0.03, points=5)
+# Beyond twice as much in one direction it would be a bias with some friction, not friction.
+_BACKWARD = Shape("backward_ratio", "1", 0.5, 2.0, 1.0, logarithmic=True, points=4)
+_STRIBECK = (
+    Shape(
+        "stribeck_velocity",
+        "{x}/s",
+        5e-3,
+        0.5,
+        0.05,
+        logarithmic=True,
+        relative_to="speed",
+        points=6,
+    ),
+    Shape("excess_ratio", "1", 0.05, 4.0, 0.6, logarithmic=True, points=2),
+)
+
+_DRY = Effect(
+    name="coulomb_friction",
+    law="smoothed sign",
+    family="friction",
+    belongs_to="rig",
+    stage="tool",
+    amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
+    shapes=(_SMOOTHING,),
+    step=_smoothed_sign,
+    sentence="Dry friction of {friction_force} in the guide.",
+    compensation="subtract_force",
+    derivative_order=1,
+    only_in_contact=False,
+)
+_BY_DIRECTION = replace(
+    _DRY,
+    law="smoothed sign, by direction",
+    shapes=(_SMOOTHING, _BACKWARD),
+    step=_sign_by_direction,
+    sentence="Dry friction of {friction_force} forward, {backward_ratio} times that backward.",
+    like=("coulomb_friction", "force_bias"),
+)
+_STRIBECK_FRICTION = replace(
+    _DRY,
+    name="stribeck_friction",
+    shapes=(*_STRIBECK, _SMOOTHING),
+    step=_stribeck_smoothed,
+    sentence="Dry friction of {friction_force} that rises by {excess_ratio} at low speed.",
+)
+
+EFFECTS = (
+    _DRY,
+    replace(_DRY, law="presliding", shapes=(_PRESLIDING,), step=_presliding, state_size=1),
+    # With presliding, friction of a body alone is its hysteresis: one force, one name.
+    replace(
+        _DRY,
+        law="smoothed sign, in contact",
+        sentence="Dry friction of {friction_force} in contact, none in free air.",
+        only_in_contact=True,
+    ),
+    replace(
+        _DRY,
+        law="smoothed sign, growing with depth",
+        amplitude=Amplitude("friction_per_depth", "{f}/{x}", nonnegative=True),
+        step=_smoothed_sign_with_depth,
+        sentence="Dry friction of {friction_per_depth} in contact, growing with the depth.",
+        only_in_contact=True,
+    ),
+    _BY_DIRECTION,
+    replace(
+        _BY_DIRECTION,
+        law="presliding, by direction",
+        shapes=(_PRESLIDING, _BACKWARD),
+        step=_presliding_by_direction,
+        state_size=1,
+    ),
+    _STRIBECK_FRICTION,
+    replace(
+        _STRIBECK_FRICTION,
+        law="presliding",
+        shapes=(*_STRIBECK, _SHORT_PRESLIDING),
+        step=_stribeck_presliding,
+        state_size=1,
+    ),
+)
