@@ -196,6 +196,26 @@ def test_damiao_commands_are_64_bits_in_the_manual_s_order(position, velocity, t
         assert abs(int(sent[begin:end], 2) - int(text[begin:end], 2)) <= 1
 
 
+@pytest.mark.parametrize("torque", [0.0, 1e-3, -0.7133, 9.999])
+def test_a_torque_between_two_codes_is_pushed_in_the_mean(torque):
+    """No code of 12 bits is 0: rounded alone, a hand was pushed by 0.24 N for ever."""
+    codec, step = damiao(), 20.0 / 4095
+    sent = []
+    for _ in range(1000):
+        (frame,) = codec.push(torque)
+        sent.append(-10.0 + (int.from_bytes(frame.data, "big") & 0xFFF) * step)
+    assert abs(sum(sent) / 1000 - torque) < 1e-3 * step
+    assert max(abs(one - torque) for one in sent) <= step
+
+
+def test_a_torque_beyond_the_range_leaves_nothing_to_be_pushed_later():
+    codec = damiao()
+    for _ in range(50):
+        codec.push(30.0)
+    (frame,) = codec.push(0.0)
+    assert abs((int.from_bytes(frame.data, "big") & 0xFFF) - 2047.5) < 2
+
+
 @given(st.integers(0, 65535), st.integers(0, 4095), st.integers(0, 4095), st.integers(0, 15))
 def test_damiao_answers_are_read_bit_by_bit(p, v, t, error):
     text = bits(error, 4) + bits(1, 4) + bits(p, 16) + bits(v, 12) + bits(t, 12) + bits(0, 16)

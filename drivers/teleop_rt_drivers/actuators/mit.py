@@ -60,10 +60,12 @@ class MitCodec:
     unit: AngleUnit = "rad"
     asks = True
     reports_time_out = True
+    torque_bits = 16
 
     def __init__(self, ranges: Ranges, gains: Gains) -> None:
         self.ranges = ranges
         self._gains = gains
+        self._unpaid = 0.0
 
     @property
     def reach(self) -> float:
@@ -85,8 +87,16 @@ class MitCodec:
         return (self.impedance(0.0, 0.0, 0.0, self._gains.kd, 0.0),)
 
     def push(self, torque: float) -> Frames:
-        """Return the command to push with a torque, and nothing else."""
-        return (self.impedance(0.0, 0.0, 0.0, 0.0, torque),)
+        """Return the command to push with a torque, and nothing else; its mean is exact.
+
+        None of its codes is 0; the nearest one pushes for ever, by 2.4 mNm over 12 bits of 10 Nm.
+        What a command rounds away is therefore added to the next one.
+        """
+        top, bits = self.ranges.torque, self.torque_bits
+        wanted = min(max(torque, -top), top) + self._unpaid
+        sent = real(whole(wanted, -top, top, bits), -top, top, bits)
+        self._unpaid = wanted - sent
+        return (self.impedance(0.0, 0.0, 0.0, 0.0, sent),)
 
 
 DAMIAO_RANGES = {
@@ -109,6 +119,8 @@ DAMIAO_STATES = {0: DriveState.OFF, 1: DriveState.FOLLOWING}
 
 class DamiaoCodec(MitCodec):
     """A Damiao motor in MIT mode: commands under its own id, answers under the master's."""
+
+    torque_bits = 12
 
     def __init__(self, motor_id: int, master_id: int, ranges: Ranges, gains: Gains) -> None:
         super().__init__(ranges, gains)
@@ -139,7 +151,7 @@ class DamiaoCodec(MitCodec):
         packed |= whole(velocity, -top.velocity, top.velocity, 12) << 36
         packed |= whole(kp, 0.0, top.stiffness, 12) << 24
         packed |= whole(kd, 0.0, top.damping, 12) << 12
-        packed |= whole(torque, -top.torque, top.torque, 12)
+        packed |= whole(torque, -top.torque, top.torque, self.torque_bits)
         return Frame(self._motor_id, packed.to_bytes(8, "big"))
 
     def take(self, frame: Frame, report: Report) -> Taken:
@@ -244,7 +256,7 @@ class TypedCodec(MitCodec):
             whole(kp, 0.0, top.stiffness, 16),
             whole(kd, 0.0, top.damping, 16),
         )
-        return self._frame(CONTROL, data, whole(torque, -top.torque, top.torque, 16))
+        return self._frame(CONTROL, data, whole(torque, -top.torque, top.torque, self.torque_bits))
 
     def take(self, frame: Frame, report: Report) -> Taken:
         """Take an answer: the motor's id, faults and mode in the id; p, v, t and temperature."""
