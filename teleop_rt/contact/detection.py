@@ -213,14 +213,14 @@ def stay_or_leave(
 
 @kernel
 def meet_surface(
-    state: Vector, settings: Vector, positions: Vector, forces: Vector, last: int
+    state: Vector, settings: Vector, positions: Vector, forces: Vector, measured: Vector, last: int
 ) -> None:
     """Take the surface from an onset out of free air, or have it awaited from an averaged force."""
     state[ONSETS] += 1.0
     noise = settings[FORCE_NOISE]
     quiet = min(2.0 * noise, settings[RELEASE_FORCE])
     found, variance, before = surface_at_onset(
-        positions, forces, last, int(state[APART]), noise, quiet
+        positions, forces, measured, last, int(state[APART]), noise, quiet
     )
     if before >= settings[RELEASE_FORCE]:
         return
@@ -232,17 +232,15 @@ def meet_surface(
 
 
 @kernel
-def remember(
-    state: Vector, positions: Vector, forces: Vector, position: float, force: float
-) -> int:
-    """Write a sample into the rings positions and forces (HISTORY,); return its place there."""
+def remember(state: Vector, history: Matrix, position: float, force: float, seen: bool) -> int:
+    """Write a sample into the rings of the history (3, HISTORY); return its place there."""
     if state[STARTED] == 0.0:
         state[STARTED] = 1.0
         state[ORIGIN] = position
         state[VERIFIED_FREE] = -1e300
     index = int(state[HISTORY_NEXT]) % HISTORY
-    positions[index] = position
-    forces[index] = force
+    history[0, index], history[1, index] = position, force
+    history[2, index] = 1.0 if seen else 0.0
     state[HISTORY_NEXT] = index + 1.0
     return index
 
@@ -251,23 +249,30 @@ def remember(
 def detect(
     state: Vector,
     settings: Vector,
-    positions: Vector,
-    forces: Vector,
+    history: Matrix,
     room: Vector,
     position: float,
     force: float,
+    seen: bool,
 ) -> int:
     """Advance the detector by one aligned sample; return NOTHING, ONSET, RELEASE or FOUND.
+
+    history (3, HISTORY): positions, forces, and which were `seen`: the others bridge a gap. No such
+    force makes an onset.
 
     An onset gives a surface only after free air was seen, and from there: a tool that rests inside
     with less force than an onset's, as damping lets it come to rest on its way out, has not left. A
     run that starts in contact has no surface until it lets go. An averaged force places the surface
     some samples later: FOUND.
     """
-    index = remember(state, positions, forces, position, force)
+    index = remember(state, history, position, force, seen)
+    positions, forces = history[0], history[1]
     if state[SURFACE_FIXED] > 0.0:
         return detect_by_position(state, settings, position)
-    state[ABOVE] = state[ABOVE] + 1.0 if force > settings[ONSET_FORCE] else 0.0
+    if force <= settings[ONSET_FORCE]:
+        state[ABOVE] = 0.0
+    elif seen:
+        state[ABOVE] += 1.0
     state[BELOW] = state[BELOW] + 1.0 if force < settings[RELEASE_FORCE] else 0.0
     if state[IN_CONTACT] > 0.0:
         return stay_or_leave(state, settings, positions, forces, index, room)
@@ -279,7 +284,7 @@ def detect(
             state[FREE_SEEN] = 1.0
     if state[ABOVE] >= settings[ONSET_SAMPLES]:
         if state[FREE_SEEN] > 0.0 and state[FREE_TICKS] >= settings[FREE_AIR_TICKS]:
-            meet_surface(state, settings, positions, forces, index)
+            meet_surface(state, settings, positions, forces, history[2], index)
         return begin_contact(state)
     return NOTHING
 
@@ -296,12 +301,12 @@ def detect_all(
 ) -> int:
     """Put in `found` where the contacts of a recording met the surface; return their number.
 
-    rings (2, HISTORY): the detector's positions and forces; positions, forces, found (n,).
+    rings (3, HISTORY): the detector's history; positions, forces, found (n,).
     """
     count = 0
     for i in range(positions.size):
         state[MET_VARIANCE] = 0.0
-        detect(state, settings, rings[0], rings[1], room, positions[i], forces[i])
+        detect(state, settings, rings, room, positions[i], forces[i], True)  # noqa: FBT003
         if state[MET_VARIANCE] > 0.0:
             found[count] = state[MET_AT]
             count += 1
@@ -314,6 +319,6 @@ def surfaces_met(settings: Vector, positions: Vector, forces: Vector) -> Vector:
     Contacts that begin elsewhere than in free air are left out. settings (N_DETECTION,);
     positions, forces (n,): aligned.
     """
-    state, rings, room = np.zeros(N_DETECTOR), np.zeros((2, HISTORY)), np.zeros(N_ROOM)
+    state, rings, room = np.zeros(N_DETECTOR), np.zeros((3, HISTORY)), np.zeros(N_ROOM)
     found = np.zeros(positions.size)
     return found[: detect_all(state, settings, rings, room, positions, forces, found)]

@@ -51,28 +51,62 @@ def samples_of_approach(forces: Vector, last: int, apart: int, quiet: float) -> 
 
 
 @kernel
-def sums_of_air(
-    positions: Vector, forces: Vector, last: int, count: int
-) -> tuple[float, float, float, float]:
-    """Return the sums of force and its square, and number and force of samples not on a way out.
+def step_back(measured: Vector, here: int, most: int) -> int:
+    """Return how many samples before `here` the next measured one lies; 0 for none in `most`."""
+    for step in range(1, most + 1):
+        if measured[(here - step) % measured.size] > 0.0:
+            return step
+    return 0
 
-    Of the `count` newest: the surface is thought behind all of them at first. A sample without one
-    before it is on no way.
+
+@kernel
+def sums_of_air(
+    positions: Vector, forces: Vector, measured: Vector, last: int, count: int
+) -> tuple[float, float, float, float, float]:
+    """Return number, force and its square, and number and force of samples not on a way out.
+
+    Of those measured among the `count` newest: the surface is thought behind all of them at first.
+    A sample without one before it is on no way.
     """
     ring = positions.size
-    total = squares = calm = calm_force = 0.0
+    number = total = squares = calm = calm_force = 0.0
     for back in range(count):
-        here, before = (last - back) % ring, (last - back - 1) % ring
+        here = (last - back) % ring
+        if measured[here] == 0.0:
+            continue
         f = forces[here]
-        total, squares = total + f, squares + f * f
-        if back < count - 1 and positions[here] >= positions[before]:
+        number, total, squares = number + 1.0, total + f, squares + f * f
+        step = step_back(measured, here, count - 1 - back)
+        if step > 0 and positions[here] >= positions[(here - step) % ring]:
             calm, calm_force = calm + 1.0, calm_force + f
-    return total, squares, calm, calm_force
+    return number, total, squares, calm, calm_force
+
+
+@kernel
+def weigh(
+    error: float, offset: float, least: float, weights: float, first: float, second: float
+) -> tuple[float, float, float, float]:
+    """Add a place to the sums of all by its likelihood, as a share of the likeliest one's.
+
+    Return the least error, and the sums of weights, weighted offsets and their squares.
+    """
+    if error < least:
+        fading = math.exp(error - least)
+        weights, first, second = weights * fading, first * fading, second * fading
+        least = error
+    weight = math.exp(least - error)
+    return least, weights + weight, first + weight * offset, second + weight * offset * offset
 
 
 @kernel
 def surface_at_onset(
-    positions: Vector, forces: Vector, last: int, apart: int, noise: float, quiet: float
+    positions: Vector,
+    forces: Vector,
+    measured: Vector,
+    last: int,
+    apart: int,
+    noise: float,
+    quiet: float,
 ) -> tuple[float, float, float]:
     """Return where the tool met the surface, the variance of that, and the most force before it.
 
@@ -80,35 +114,38 @@ def surface_at_onset(
     the tool stood or went in: on its way out of a body damping may take all force away. Where that
     is no force of free air, the tool had come to rest inside, and what was found is no surface.
 
-    positions, forces (n,): a ring of aligned samples, the newest at `last`, of which the `apart`
-    newest came since the last release (two or more); `noise` the force's deviation; `quiet` that
-    of `samples_of_approach`.
+    positions, forces, measured (n,): a ring of aligned samples, the newest at `last`, of which the
+    `apart` newest came since the last release (two or more); `noise` the force's deviation; `quiet`
+    that of `samples_of_approach`. Samples that are not measured, which bridge a gap, say nothing:
+    their straight line across the surface begins too early.
     """
     ring, count = positions.size, samples_of_approach(forces, last, apart, quiet)
-    in_air, in_air_squared, calm, calm_force = sums_of_air(positions, forces, last, count)
+    number, in_air, in_air_squared, calm, calm_force = sums_of_air(
+        positions, forces, measured, last, count
+    )
     end = found = positions[last]
     least, most, gap = np.inf, np.inf, 0.0
     weights = first = second = 0.0
     n = sx = sf = sxx = sxf = sff = 0.0
     for back in range(count - 1):
-        here, before = (last - back) % ring, (last - back - 1) % ring
+        here = (last - back) % ring
+        step = step_back(measured, here, count - 1 - back) if measured[here] > 0.0 else 0
+        if step == 0:
+            continue
         x, f = positions[here] - end, forces[here]
         n, sx, sf = n + 1.0, sx + x, sf + f
         sxx, sxf, sff = sxx + x * x, sxf + x * f, sff + f * f
         in_air, in_air_squared = in_air - f, in_air_squared - f * f
+        before = (here - step) % ring
         if positions[here] >= positions[before]:
             calm, calm_force = calm - 1.0, calm_force - f
-        mean = in_air / (count - n)
+        mean = in_air / (number - n)
         error = in_air_squared - in_air * mean + rise_error(n, sx, sf, sxx, sxf, sff, x, mean)
-        error /= 2.0 * noise * noise
+        error = error / (2.0 * noise * noise) - math.log(step)  # a wide place is as many
         place = 0.5 * (positions[here] + positions[before])
         if error < least:
-            fading = math.exp(error - least)
-            weights, first, second = weights * fading, first * fading, second * fading
-            least, found, gap = error, place, positions[here] - positions[before]
+            found, gap = place, positions[here] - positions[before]
             most = calm_force / calm + 3.0 * noise / math.sqrt(calm) if calm > 0.0 else np.inf
-        weight, offset = math.exp(least - error), place - end
-        weights, first = weights + weight, first + weight * offset
-        second += weight * offset * offset
+        least, weights, first, second = weigh(error, place - end, least, weights, first, second)
     first /= weights
     return found, max(second / weights - first * first, 0.0) + gap * gap / 12.0, most

@@ -32,8 +32,10 @@ MOST_WAITING = 8
 
 MOST_BEHIND = 3
 """Periods by which even pairs may be behind the newest values; what is older is left out."""
-LARGEST_GAP_PERIODS = 3
-"""Between two forces that are interpolated."""
+LARGEST_GAP_PERIODS = 2.5
+"""Between two forces that are interpolated: of two clocks one frame is overwritten, seldom more.
+
+What is missing beyond that is a gap, of which the estimators know."""
 TAPS = 12
 """Points at which a position is averaged in each conversion."""
 

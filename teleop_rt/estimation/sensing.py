@@ -171,20 +171,24 @@ def set_motion(state: index.BankState) -> None:
 
 
 @kernel
-def sample_step(state: index.BankState, position: float, force: float) -> bool:
-    """Take one sample, measured or interpolated across a gap; return whether it was aligned."""
+def sample_step(state: index.BankState, position: float, force: float, measured: bool) -> bool:
+    """Take one sample, `measured` or interpolated across a gap; return whether it was aligned."""
     q = state.q
     size = int(state.settings[index.RING])
     newest = int(q[index.RING_NEXT])
     state.rings[0, newest] = position
     state.rings[1, newest] = force
+    state.rings[2, newest] = 1.0 if measured else 0.0
     q[index.RING_NEXT] = (newest + 1) % size
     q[index.RING_FILLED] = min(q[index.RING_FILLED] + 1.0, size)
     q[index.TIME] += state.settings[index.PERIOD]
     if q[index.RING_FILLED] < size:
         return False
-    p = delayed(state.rings[0], size, newest, state.settings[index.POSITION_DELAY])
-    f = delayed(state.rings[1], size, newest, state.settings[index.FORCE_DELAY])
+    p_delay, f_delay = state.settings[index.POSITION_DELAY], state.settings[index.FORCE_DELAY]
+    p = delayed(state.rings[0], size, newest, p_delay)
+    f = delayed(state.rings[1], size, newest, f_delay)
+    seen = delayed(state.rings[2], size, newest, p_delay) == 1.0
+    seen = seen and delayed(state.rings[2], size, newest, f_delay) == 1.0
     if state.detector[detection.STARTED] == 0.0:
         start(state, index.P, p)
         start(state, index.U, 0.0)
@@ -196,7 +200,7 @@ def sample_step(state: index.BankState, position: float, force: float) -> bool:
         )
     net = f - q[index.RIG_FORCE]
     event = detection.detect(
-        state.detector, state.detection, state.history[0], state.history[1], state.room, p, net
+        state.detector, state.detection, state.history, state.room, p, net, seen
     )
     if event != detection.NOTHING:
         on_edge(state, event)
@@ -217,7 +221,8 @@ def bridge_gap(state: index.BankState, position: float, force: float) -> None:
         for j in range(missing):
             part = (j + 1.0) / (missing + 1.0)
             between = q[index.LAST_POSITION] + part * (position - q[index.LAST_POSITION])
-            sample_step(state, between, q[index.LAST_FORCE] + part * (force - q[index.LAST_FORCE]))
+            f = q[index.LAST_FORCE] + part * (force - q[index.LAST_FORCE])
+            sample_step(state, between, f, False)  # noqa: FBT003 - not measured
         return
     q[index.DISCARDED] += missing
     q[index.RING_FILLED] = 0.0
@@ -249,7 +254,7 @@ def sense(state: index.BankState, position: float, force: float, valid: bool) ->
     q[index.GAP] = 0.0
     q[index.LAST_POSITION] = position
     q[index.LAST_FORCE] = force
-    if not sample_step(state, position, force):
+    if not sample_step(state, position, force, True):  # noqa: FBT003 - measured
         return False
     set_motion(state)
     return True

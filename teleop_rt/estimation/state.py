@@ -97,14 +97,14 @@ LONGEST_LAG = 256
 class BankState:
     """Views of the record that a tick reads and writes: one allocation, fields of fixed shape.
 
-    q, settings: as named above; detector, detection: contact/detection.py; rings (2, LONGEST_LAG):
-    position and force before alignment; history: aligned; room: what an onset is found in; filter:
-    transition, before, now, channels (N_CHANNELS, CHANNEL_SIZE), foaw; motion (N_MOTION,); windows,
-    term_windows and log_windows: algebraic.py; sums, buffer, refit: contact/surface.py; bank,
-    bank_settings, active, phi, y, lever, live: the bank's; own (parameters without offset), codes
-    (models), regressions, ready, possible, records and choice: the rows'; terms: the effects'
-    forces at their scales, starts: their shares before they are estimated, of_rig: 1 for those of
-    the rig; frozen: rows that take those; watch: watch.py.
+    q, settings: as named above; detector, detection: contact/detection.py; rings (3, LONGEST_LAG):
+    position, force and 1 where they were measured, before alignment; history: aligned; room: what
+    an onset is found in; filter: transition, before, now, channels (N_CHANNELS, CHANNEL_SIZE),
+    foaw; motion (N_MOTION,); windows, term_windows and log_windows: algebraic.py; sums, buffer,
+    refit: contact/surface.py; bank, bank_settings, active, phi, y, lever, live: the bank's; own
+    (parameters without offset), codes (models), regressions, ready, possible, records and choice:
+    the rows'; terms: the effects' forces at their scales, starts: their shares before they are
+    estimated, of_rig: 1 for those of the rig; frozen: rows that take those; watch: watch.py.
     """
 
     q: Vector
@@ -153,8 +153,8 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "settings": (np.float64, (N_CYCLE_SETTINGS,)),
     "detector": (np.float64, (N_DETECTOR,)),
     "detection": (np.float64, (N_DETECTION,)),
-    "rings": (np.float64, (2, LONGEST_LAG)),
-    "history": (np.float64, (2, HISTORY)),
+    "rings": (np.float64, (3, LONGEST_LAG)),
+    "history": (np.float64, (3, HISTORY)),
     "room": (np.float64, (N_ROOM,)),
     "transition": (np.float64, (3, 3)),
     "before": (np.float64, (3,)),

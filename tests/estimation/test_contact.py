@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from teleop_rt.contact.detection import SURFACE_VARIANCE
 from teleop_rt.contact.models import MODELS, contact_force
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
@@ -63,6 +64,28 @@ def test_an_onset_places_the_surface_of_a_soft_body_better_than_its_threshold(
     """Force leaves the noise, 0.1 N here, only 0.25 mm within a foam of 400 N/m."""
     errors = surface_errors(stiffness, damping, speed)
     assert math.sqrt(np.mean(errors**2)) < tolerance
+
+
+@pytest.mark.parametrize("lost", [3, 6, 9])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_an_onset_within_lost_samples_is_as_uncertain_as_they_were_many(lost, share):
+    """The line that bridges a gap begins at the last place in the air, too early."""
+    speed, step_s, air = 0.05, SETTINGS.period_s, 1500
+    places = np.arange(air + lost + 6)  # the samples of number air + 1 to air + lost do not come
+    valid = (places <= air) | (places > air + lost)
+    t = step_s * (places - air - share * (lost + 1))
+    gap = speed * step_s * (lost + 1)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        force = np.where(t > 0, 3600.0 * speed * t + 20.0 * speed, 0.0)
+        force += 0.05 * rng.standard_normal(t.size)
+        pipeline = Pipeline(KELVIN_VOIGT, dataclasses.replace(SETTINGS, force_lag_s=0.0))
+        for x, f, good in zip(speed * t, force, valid.tolist(), strict=True):
+            pipeline.update(x, f, good)
+        assert pipeline.contact.contact_id == 1
+        deviation = math.sqrt(pipeline.stored["detector"][0, SURFACE_VARIANCE])
+        assert abs(pipeline.contact.surface) < 3.0 * deviation
+        assert deviation < gap
 
 
 @pytest.mark.parametrize("push", [-0.3, 0.3])

@@ -147,6 +147,16 @@ def test_even_pairs_count_what_a_stall_left_out():
     assert sum(gaps) in range(18, 23)
 
 
+def test_two_forces_in_a_row_that_are_lost_are_a_gap_and_no_straight_line():
+    pairing = EvenPairing(2_000_000, 2_000_000, 0.0)
+    gaps = []
+    for k in range(1, 40):
+        now_ns, lost = k * 2_000_000, k in {20, 21}
+        if not lost and pairing.take(0.0, now_ns, 0.0, now_ns):
+            gaps.append(pairing.gap)
+    assert sum(gaps) == 2
+
+
 def test_a_recording_s_values_have_the_stamps_that_their_own_ages_give():
     """Position 2 ms old and force 5 ms: of each pair both are of one time."""
     now_ns = 10**9 + LOOP_NS * np.arange(200)
