@@ -93,18 +93,23 @@ def ideal_motion(trial: TrialConfig, wall: ContinuousWall) -> tuple[Array, Array
     x = y = hand.intention.start
     v = w = force = 0.0
     h, rows = period_s / STEPS, []
+    # Every value stays a plain float: arithmetic on numpy's scalars takes several times as long.
+    of_device, of_hand, dry = h / body.mass, h / hand.mass, body.coulomb_friction
+    stiffness, damping, viscous = hand.stiffness, hand.damping, body.damping
+    wall_force = wall.force
     for tick in range(1, round(trial.duration_s / period_s) + 1):
         wish = wishes.intend(tick * period_s, force)
         held_on = hand.let_go_s is None or tick * period_s < hand.let_go_s
+        end, rate, grip, tremor = wish.goal, wish.rate, wish.grip, wish.tremor
+        begins_s = (tick - 1) * period_s
         for step in range(STEPS):
-            t_s = (tick - 1) * period_s + step * h
-            goal = wish.goal - wish.rate * (period_s - step * h)
-            force = wall.force(x, v, t_s)
+            goal = end - rate * (period_s - step * h)
+            force = wall_force(x, v, begins_s + step * h)
             held = (GRIP_STIFFNESS * (y - x) + GRIP_DAMPING * (w - v)) if held_on else 0.0
-            arm = wish.grip * (hand.stiffness * (goal - y) + hand.damping * (wish.rate - w))
-            friction = body.damping * v + body.coulomb_friction * np.tanh(v / 1e-3)
-            v += h / body.mass * (held - force - friction)
-            w += h / hand.mass * (arm * held_on + wish.tremor - held)
+            arm = grip * (stiffness * (goal - y) + damping * (rate - w))
+            friction = viscous * v + dry * float(np.tanh(v / 1e-3))
+            v += of_device * (held - force - friction)
+            w += of_hand * (arm * held_on + tremor - held)
             x, y = x + h * v, y + h * w
         rows.append((x, force))
     position, felt = np.array(rows).T
