@@ -19,12 +19,12 @@ from teleop_rt.diagnosis.models.model import CandidateModel
 _BASE = base_of("spring,viscous,bias")
 
 
-def _set(*names: str, path: tuple[float, ...], bound: bool = False) -> Scored:
+def _set(*names: str, path: tuple[float, ...], at_bound: tuple[str, ...] = ()) -> Scored:
     """Return a set whose inner energies, the base's first, are `path`."""
     effects: tuple[Effect, ...] = tuple(find(name) for name in names)
     nothing = np.zeros(0)
     fit = Fit(CandidateModel(_BASE, effects), nothing, nothing, nothing, np.zeros((0, 0)), 100.0)
-    return Scored(fit, path, bound)
+    return Scored(fit, path, frozenset(at_bound))
 
 
 _ALONE = _set(path=(1.0,))
@@ -80,15 +80,15 @@ def test_an_effect_that_explains_little_is_not_named() -> None:
 
 
 def test_a_law_at_its_bound_is_not_named_nor_is_a_worse_one() -> None:
-    bent = _set("hysteresis", path=(1.0, 0.1), bound=True)
+    bent = _set("hysteresis", path=(1.0, 0.1), at_bound=("hysteresis",))
     worse = _set("force_lag", path=(1.0, 0.4))
     assert explain([_ALONE, bent, worse]).verdict == "unexplained"
-    assert explain([_ALONE, replace(bent, bound=False), worse]).verdict == "partial"
+    assert explain([_ALONE, replace(bent, unsupported=frozenset()), worse]).verdict == "partial"
 
 
 def test_a_special_case_is_named_if_its_extension_gains_nothing() -> None:
     plain = _set("coulomb_friction", path=(1.0, 0.2))
-    wider = _set("stribeck_friction", path=(1.0, 0.199), bound=True)
+    wider = _set("stribeck_friction", path=(1.0, 0.199), at_bound=("stribeck_friction",))
     found = explain([_ALONE, wider, plain])
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
 
@@ -142,22 +142,38 @@ def test_the_predictor_takes_no_effect_that_lowers_the_error_by_less_than_two_hu
 
 
 def test_the_law_within_its_bounds_is_named_and_the_best_one_predicts() -> None:
-    bent = _set("coulomb_friction", path=(1.0, 0.08), bound=True)
+    bent = _set("coulomb_friction", path=(1.0, 0.08), at_bound=("coulomb_friction",))
     within = _set("coulomb_friction", path=(1.0, 0.15))
     found = explain([_ALONE, bent, within])
     assert found.sets == (within,)
     assert predictor([_ALONE, bent, within]) is bent
 
 
+def test_a_law_at_its_bound_withholds_no_other_name() -> None:
+    """The saturation of a relaxing body was lost where the relaxation's law had another form."""
+    clipped = _set("force_saturation", path=(1.0, 0.4))
+    bent = _set(
+        "force_saturation",
+        "stress_relaxation",
+        path=(1.0, 0.4, 0.02),
+        at_bound=("stress_relaxation",),
+    )
+    found = explain([_ALONE, clipped, bent])
+    assert found.verdict == "partial"
+    assert [one.fit.names for one in found.sets] == [("force_saturation",)]
+    spoilt = replace(clipped, unsupported=frozenset({"force_saturation"}))
+    assert explain([_ALONE, spoilt, bent]).verdict == "unexplained"
+
+
 def test_a_poor_law_within_its_bounds_does_not_replace_a_far_better_one() -> None:
-    bent = _set("hysteresis", path=(1.0, 0.01), bound=True)
+    bent = _set("hysteresis", path=(1.0, 0.01), at_bound=("hysteresis",))
     poor = _set("hysteresis", path=(1.0, 0.55))
     other = _set("coulomb_friction", path=(1.0, 0.14))
     assert explain([_ALONE, bent, poor, other]).verdict == "unexplained"
 
 
 def test_a_law_at_its_bound_that_fits_no_better_excludes_no_name() -> None:
-    bent = _set("hysteresis", path=(1.0, 0.103), bound=True)
+    bent = _set("hysteresis", path=(1.0, 0.103), at_bound=("hysteresis",))
     named = _set("coulomb_friction", path=(1.0, 0.1))
     found = explain([_ALONE, bent, named])
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]

@@ -130,7 +130,9 @@ def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
     for one in sorted(tried, key=lambda one: one.energy):
         least = best.setdefault(one.names, one)
         taken, most = (each.energies[0] - each.energy for each in (one, least))
-        if one is least or (known[one.names].bound > one.bound and taken >= _NEARLY_AS_GOOD * most):
+        if one is least or (
+            known[one.names].unsupported and not one.unsupported and taken >= _NEARLY_AS_GOOD * most
+        ):
             known[one.names] = one
     return known
 
@@ -188,16 +190,18 @@ def _named_part(
     The effect that explains most comes first: a damping tried before a friction would absorb its
     share. Of two equal effects, the one within its bounds comes first. What a tone explains is no
     part of the excess of which later effects take their shares (see `second.with_form`). Another
-    law of the same physics only corrects the first one and is not named. If an effect lies at a
-    bound of its shape, the set with its special case is returned, or the empty set if that lies at
-    a bound as well.
+    law of the same physics only corrects the first one and is not named. If the data do
+    not support the name of an effect, the set with its special case is returned, or the set without
+    it, or else the empty set.
     """
     names, order, named = frozenset[str](), list[str](), 0
     energy = known[names].energy
     noise = energy - excess
     tones = {effect.name for effect in one.fit.model.effects if adds_tone(effect)}
     while rest := [names | {n} for n in one.names - names if names | {n} in known]:
-        longer = min(rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * known[n].bound))
+        longer = min(
+            rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * bool(known[n].unsupported))
+        )
         order, names = [*order, *(longer - names)], longer
         taken, left = energy - known[names].energy, energy - noise
         completes = left > (1.0 - NAMED_SHARE) * excess and taken >= _NEARLY_AS_GOOD * left
@@ -206,10 +210,9 @@ def _named_part(
             excess -= taken if order[-1] in tones else 0.0
         energy = known[names].energy
     best = _distinct(order[:named], one, known)
-    if not known[best].bound:
-        return best
-    simpler = (less for less in simpler_names(best) if less in known and not known[less].bound)
-    return next(simpler, frozenset())
+    supported = best - known[best].unsupported
+    ways = (best, *simpler_names(best), supported)
+    return next((n for n in ways if n in known and known[n].nameable), frozenset())
 
 
 def _distinct(

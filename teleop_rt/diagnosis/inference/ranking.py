@@ -90,7 +90,7 @@ class Ranking:
         bound = np.any(at_bounds(self.problem, fit))
         searched = tangent_space(self.problem, fit, searched=True) if bound else own
         bare, along = (
-            lacks_named_property(self.problem, self.base, fit),
+            bool(lacks_named_property(self.problem, self.base, fit)),
             self._encoder_energy_along(fit, searched),
         )
         made = self._encoder_energy_of_effects(fit, own) if left.excess > left.deviation else 0.0

@@ -42,18 +42,23 @@ _T = TypeVar("_T")
 class Scored:
     """A fitted set; `energies` [force^2] on inner blocks: of the base, then after each effect.
 
-    `bound` states that a shape lies at a bound, or fits as well at its neutral value. Such a law
-    approximates another effect, and its name is not reported.
+    `unsupported` are the effects with a shape at a bound, or that fit as well at its neutral value.
+    Such a law approximates another effect, and its name is not reported.
     """
 
     fit: Fit
     energies: tuple[float, ...]
-    bound: bool = False
+    unsupported: frozenset[str] = frozenset()
 
     @property
     def energy(self) -> float:
         """Mean square [force^2] of the residual on inner blocks."""
         return self.energies[-1]
+
+    @property
+    def nameable(self) -> bool:
+        """Whether the data support the names of all its effects."""
+        return not self.unsupported
 
     @property
     def laws_of_time(self) -> frozenset[str]:
@@ -128,8 +133,8 @@ class _Steps:
 
         The laws are fitted at the higher of the `lower` rates. The likeliest are then fitted at the
         full one, which the others only get their linear parameters from. If the best law cannot be
-        named (`bound` in `Scored`), the best law that can be is returned as well: the first may
-        predict, the second may be named.
+        named, the best law that can be is returned as well: the first may predict, the second may
+        be named.
         """
         near, fits = self._at_lower_rate(first, effects)
         alone = self._once("alone", near, lambda: near.solve(*_parameters(self.base)))

@@ -15,20 +15,19 @@ from teleop_rt.diagnosis.samples.rows import force_noise
 BEYOND = 1.05  # times the saturation level; one reading in a hundred may exceed it
 
 
-def unsupported(problem: Problem, base: Fit, fit: Fit) -> bool:
-    """Return whether the data do not support the name of the fitted law, although it predicts."""
-    return at_wrong_bound(problem, fit) or lacks_named_property(problem, base, fit)
+def unsupported(problem: Problem, base: Fit, fit: Fit) -> frozenset[str]:
+    """Return the effects whose names the data do not support, although their laws predict."""
+    return at_wrong_bound(problem, fit) | lacks_named_property(problem, base, fit)
 
 
-def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> bool:
-    """Return whether the law fits as well without the property in its name.
+def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> frozenset[str]:
+    """Return the effects whose laws fit as well without the property in their names.
 
-    It does if a shape at its neutral value costs less than `SAME_SHARE` of the gain: a damping by
+    They do if a shape at its neutral value costs less than `SAME_SHARE` of the gain: a damping by
     direction with equal directions, or an attraction never observed beyond the surface. A force
     measured beyond a saturation level is not saturated.
     """
-    if _read_beyond_level(problem, fit):
-        return True
+    found = _read_beyond_level(problem, fit)
     for place, coordinate in enumerate(fit.model.coordinates):
         shape = coordinate.shape
         if isinstance(shape, Shape) and shape.neutral is not None:
@@ -36,12 +35,13 @@ def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> bool:
             zeta[place] = shape.neutral * problem.motion.scales[shape.relative_to]
             lost = problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
             if lost < SAME_SHARE * (base.chi2 - fit.chi2):
-                return True
-    return False
+                found |= {fit.names[coordinate.owner]}
+    return found
 
 
-def at_wrong_bound(problem: Problem, fit: Fit) -> bool:
-    """Return whether a shape of an effect lies at a bound that is not its ideal one."""
+def at_wrong_bound(problem: Problem, fit: Fit) -> frozenset[str]:
+    """Return the effects of which a shape lies at a bound that is not its ideal one."""
+    found = frozenset[str]()
     limits = [bounds(c.shape, problem.motion.scales) for c in fit.model.coordinates]
     at_bound = at_bounds(problem, fit)
     for c, value, (low, high), bound in zip(
@@ -50,18 +50,18 @@ def at_wrong_bound(problem: Problem, fit: Fit) -> bool:
         end = "lower" if value - low < high - value else "upper"
         ideal = isinstance(c.shape, Shape) and c.shape.ideal == end
         if bound and c.owner >= 0 and not ideal:
-            return True
-    return False
+            found |= {fit.names[c.owner]}
+    return found
 
 
-def _read_beyond_level(problem: Problem, fit: Fit) -> bool:
-    """Return whether the measured force exceeds the level at which the law saturates it."""
+def _read_beyond_level(problem: Problem, fit: Fit) -> frozenset[str]:
+    """Return the effects that saturate the force at a level which the measured one exceeds."""
     parameters = Course.of(fit.model, problem.motion, fit.zeta).parameters
-    levels = [
-        float(eta[0])
+    levels = {
+        effect.name: float(eta[0])
         for effect, (_, eta) in zip(fit.model.effects, parameters, strict=True)
         if effect.acts == "limits_force"
-    ]
+    }
     largest = float(np.quantile(np.abs(problem.force[problem.whitener.mask > 0.0]), 0.99))
     largest -= SIGMAS * force_noise(problem.force)
-    return any(largest > BEYOND * level for level in levels)
+    return frozenset(name for name, level in levels.items() if largest > BEYOND * level)
