@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.recordings.recording import from_arrays
-from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.diagnosis.samples.preparation import problem_of, without_impacts
 
 STEP_M = 5e-6
 LAG_S = 8e-3
@@ -154,3 +154,19 @@ def test_a_pull_without_evidence_is_not_named() -> None:
     answer = diagnose(recording, surface=0.0).answer
     assert ["adhesion"] not in answer["class"]
     assert answer["verdict"] != "no_missing_effect"
+
+
+def test_only_the_ends_of_a_play_are_left_out_as_impacts() -> None:
+    """A hand that hardly moves stays within the play, where the slip follows the drive's speed."""
+    t = 0.01 * np.arange(2000)
+    x = 1.5e-3 + 2e-4 * np.sin(2.0 * t) + 2e-5 * np.sin(11.0 * t)
+    force = 5000.0 * x + 0.01 * np.random.default_rng(6).standard_normal(t.size)
+    base = base_of("kelvin-voigt")
+    problem = problem_of(from_arrays("within the play", t, x, force), base, 0.0)
+    model = CandidateModel(base, (find("backlash"),))
+    fit = problem.solve(model, np.array([3e-4]))
+    before, after = (
+        np.count_nonzero(p.whitener.mask) for p in (problem, without_impacts(problem, [fit]))
+    )
+    closings = 2 * round(2.0 * t[-1] / (2.0 * np.pi))
+    assert 0.8 * before < after < before - closings

@@ -191,9 +191,11 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
     for fit in fits:
         if any(effect.compensation == "mask" for effect in fit.model.effects):
             moved = Course.of(fit.model, problem.motion, fit.zeta).moved
-            jumps = np.abs(np.diff(moved.v - problem.motion.v))
+            slip = np.abs(moved.v - problem.motion.v)
             least = _IMPACT_SPEED * problem.motion.scales["speed"]
-            for place in np.flatnonzero(jumps > least):
+            # Within the play the slip changes with the drive's speed, without an impact.
+            ends = np.diff(slip > least) & (np.abs(np.diff(slip)) > least)
+            for place in np.flatnonzero(ends):
                 mask[max(place - _IMPACT_SAMPLES, 0) : place + _IMPACT_SAMPLES + 2] = 0.0
     return replace(problem, whitener=replace(problem.whitener, mask=mask))
 
