@@ -70,6 +70,7 @@ def always(value: Any) -> Function:
 
 
 NEVER = always(value=False)
+NO_NAME = always(frozenset())
 GATES: dict[str, tuple[str, Function]] = {
     "samples beside gaps": ("samples.preparation:_beside_gaps", always(0.0)),
     "unknown history": ("samples.preparation:_unknown_history", always(0)),
@@ -98,8 +99,8 @@ GATES: dict[str, tuple[str, Function]] = {
     "shows apart": ("inference.second:shows_tone_or_air_force", NEVER),
     "outdone by a pair": ("inference.verdict:_surpassed_by_pair", NEVER),
     "air and contact alike": ("noise.structure:air_contact_mismatch", always(0.0)),
-    "laws without their property": ("inference.unsupported:lacks_named_property", always(frozenset())),
-    "laws at a bound": ("inference.unsupported:at_wrong_bound", always(frozenset())),
+    "laws without their property": ("inference.unsupported:lacks_named_property", NO_NAME),
+    "laws at a bound": ("inference.unsupported:at_wrong_bound", NO_NAME),
     "empty extensions": ("inference.verdict:without_empty_extensions", first),
     "misfit as tolerance": ("inference.verdict:_tolerance", always(0.0)),
     "doubt in the noise": ("inference.verdict:_scaled_by_doubt", second),

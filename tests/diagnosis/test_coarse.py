@@ -10,8 +10,10 @@ import pytest
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates, coarsened
 from teleop_rt.diagnosis.inference.pairs import coarse_pairs
-from teleop_rt.diagnosis.inference.screening import Start, screen, swings
+from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import coarse_singles, fit_base, search_singles
+from teleop_rt.diagnosis.inference.starts import Start
+from teleop_rt.diagnosis.inference.swings import swings
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.inference.screening import extended, screen
+from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base, fit_start
+from teleop_rt.diagnosis.inference.starts import extended
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import pose

@@ -10,7 +10,7 @@ from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect, Vector
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.laws import by_other_laws
-from teleop_rt.diagnosis.inference.screening import Start, screen_coarsely
+from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
     fades,
@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.inference.search import (
     with_other_clamp,
     with_past,
 )
+from teleop_rt.diagnosis.inference.starts import Start
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 

@@ -8,8 +8,11 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Shape, Vector
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates
+from teleop_rt.diagnosis.inference.composed import with_surface
 from teleop_rt.diagnosis.inference.laws import extended
-from teleop_rt.diagnosis.inference.screening import Start, screen_coarsely, swings, with_surface
+from teleop_rt.diagnosis.inference.screening import screen_coarsely
+from teleop_rt.diagnosis.inference.starts import Start
+from teleop_rt.diagnosis.inference.swings import swings
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem, grid

@@ -17,7 +17,7 @@ from teleop_rt.diagnosis.criteria import (
     SIGMAS,
 )
 from teleop_rt.diagnosis.inference.pairs import fit_without
-from teleop_rt.diagnosis.inference.screening import swings
+from teleop_rt.diagnosis.inference.swings import swings
 from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
