@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference import screening
+from teleop_rt.diagnosis.inference import composed, swings
 from teleop_rt.diagnosis.models import fit
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.recordings.recording import from_arrays
@@ -33,7 +33,7 @@ class Count:
             return force_of(*arguments, **keys)
 
         monkeypatch.setattr(Problem, "solve", counted_solve)
-        for module in (fit, screening):
+        for module in (fit, composed, swings):
             monkeypatch.setattr(module, "force_of", counted_force)
 
 
