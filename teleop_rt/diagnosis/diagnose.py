@@ -34,7 +34,7 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor
+from teleop_rt.diagnosis.noise.noise_floor import fast_noise, largest_noise, noise_floor
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -163,8 +163,9 @@ def _confirmed(
         where = held_out.counted(weighed.problem, weighed.best)
         fast = fast_noise(weighed.problem, weighed.input_errors, where)
         left = _root_mean_square(plain, plain.best)
+        most = largest_noise(weighed.problem, weighed.best, weighed.input_errors, where)
         if judgement.verdict != "partial" and not needs_unknown_remainder(
-            weighed, plain, left, fast
+            weighed, plain, left, fast, most
         ):
             return (plain if _predicts_worse(weighed, plain) else weighed), plain
     found = judge_with_unknown_remainder(plain, recording, effects, errors)

@@ -21,21 +21,21 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _LARGEST_LEFT = 0.2  # of the base's energy above noise; another form of a law leaves less
-_FURTHER_NOISE = 1.25  # times the power of noise: with it the deviation is 1.5 times that of noise
+_FURTHER_NOISE = 0.25  # times the power of noise: the estimate of a noise errs by less
 
 
 def needs_unknown_remainder(
-    weighed: Diagnosis, plain: Diagnosis, left: float, noise: float
+    weighed: Diagnosis, plain: Diagnosis, left: float, fast: float, noise: float
 ) -> bool:
     """Return whether a named set must be judged again with an unknown remainder.
 
     It must if it leaves more than `_LARGEST_LEFT` of the base's energy on inner blocks and more
-    than noise, or if it has two or more effects and its residual is larger than fast noise (`left`
-    and `noise` are deviations of the force): the second effect may then only correct the form of
-    the first.
+    than `noise`, or if it has two or more effects and its residual is larger than `fast` noise
+    (`left`, `fast` and `noise` are deviations of the force): the second effect may then only
+    correct the form of the first.
     """
     best = weighed.judgement.sets[0].fit
-    if len(best.names) > 1 and left > EXCESS_NOISE_RATIO * noise:
+    if len(best.names) > 1 and left > EXCESS_NOISE_RATIO * fast:
         return True
     before, after = (
         blind_energy(plain.problem, fit) - noise**2 for fit in (plain.base, plain.best)

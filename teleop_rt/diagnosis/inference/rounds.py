@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
-from teleop_rt.diagnosis.noise.noise_floor import fast_noise, noise_floor
+from teleop_rt.diagnosis.noise.noise_floor import largest_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, noise_from, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.phases import enter
@@ -33,7 +33,6 @@ from teleop_rt.diagnosis.samples.preparation import Samples, without_edges
 from teleop_rt.diagnosis.samples.rows import OUTLIERS, Stretch
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
-_LARGEST_SLOW_NOISE = 0.1  # of the force's deviation; no sensor or amplifier drifts by more
 _INCONCLUSIVE = ("partial", "unexplained")
 _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
@@ -169,22 +168,13 @@ def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:
 
 
 def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
-    """Return whether the base's residual is far larger than any noise of this recording.
-
-    A model of slow noise may absorb a slow effect. The noise is therefore bounded by its estimated
-    floor, and by `_LARGEST_SLOW_NOISE` or the fast noise, times `EXCESS_NOISE_RATIO`.
-    """
+    """Return whether the base's residual is far larger than any noise of this recording."""
     where = held_out.counted(problem, base)
-    force, left = (row[where > 0.0] for row in
-                   (problem.force, problem.force - held_out.predict(problem, base)))  # fmt: skip
+    left = (problem.force - held_out.predict(problem, base))[where > 0.0]
     if not left.size:
         return False
-    slow = max(
-        _LARGEST_SLOW_NOISE * float(np.std(force)),
-        EXCESS_NOISE_RATIO * fast_noise(problem, floor, where),
-    )
-    noise = min(slow, EXCESS_NOISE_RATIO * noise_floor(problem, base, floor, where, (base,)))
-    return bool(np.sqrt(np.mean(left**2)) > noise)
+    noise = largest_noise(problem, base, floor, where)
+    return bool(np.sqrt(np.mean(left**2)) > EXCESS_NOISE_RATIO * noise)
 
 
 def _stiffness(fit: Fit) -> float | None:

@@ -16,6 +16,8 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.rows import force_noise
 
+_LARGEST_SLOW_NOISE = 0.05  # of the force's deviation; no sensor or amplifier drifts by more
+
 
 def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Problem, Matrix]:
     """Return the problem of another recording with its noise, and its encoder's errors.
@@ -63,6 +65,17 @@ def fast_noise(problem: Problem, floor: Matrix, where: Vector) -> float:
     by_steps = problem.force_step**2 / 12.0
     fastest = force_noise(problem.force) ** 2
     return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
+
+
+def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
+    """Return the largest deviation [rig's force] that noise may have in this recording.
+
+    A model of slow noise may absorb a slow effect. Its estimate is therefore bounded by
+    `_LARGEST_SLOW_NOISE` or the fast noise, whichever is larger.
+    """
+    slow = _LARGEST_SLOW_NOISE * float(np.std(problem.force[where > 0.0]))
+    fastest = fast_noise(problem, floor, where)
+    return min(max(slow, fastest), noise_floor(problem, fit, floor, where, (fit,)))
 
 
 def in_free_air(problem: Problem, fit: Fit) -> float:
