@@ -180,3 +180,20 @@ def test_a_drift_larger_than_that_of_any_sensor_is_no_slow_noise() -> None:
     wanders = from_arrays("wanders", t, np.round(x / 1e-6) * 1e-6, force)
     answer = diagnose(wanders, "mass,spring,viscous,bias").answer
     assert (answer["verdict"], answer["effects"]) == ("unexplained", [])
+
+
+def test_what_a_law_leaves_in_pink_noise_is_no_unknown_remainder() -> None:
+    """The fastest noise is a third of the whole: against it a fifth of the base's error is left."""
+    t = 0.002 * np.arange(5000)
+    x = 3e-3 + 1.2e-3 * np.sin(np.pi * t) + 0.6e-3 * np.sin(2.6 * np.pi * t + 1.0)
+    v = np.gradient(x, t)
+    relaxing_N = np.zeros(t.size)
+    for i in range(1, t.size):
+        relaxing_N[i] = relaxing_N[i - 1] * (1.0 - 0.002 / 0.4) + 300.0 * (x[i] - x[i - 1])
+    spectrum = np.fft.rfft(np.random.default_rng(1).standard_normal(t.size))
+    spectrum *= np.append(0.0, 1.0 / np.sqrt(np.arange(1, spectrum.size)))
+    noise = np.fft.irfft(spectrum, t.size)
+    force = 1500.0 * x + 20.0 * v + relaxing_N + 0.12 / np.std(noise) * noise
+    answer = diagnose(from_arrays("pink", t, x, force), surface=0.0).answer
+    assert answer["verdict"] in {"named", "class"}
+    assert ["stress_relaxation"] in answer["class"]
