@@ -54,6 +54,9 @@ class _Batching(Protocol):
     def waiting_frames(self, most: int) -> Sequence[Frame]:
         """Return what has come, `most` frames at most."""
 
+    def send_frame(self, can_id: int, data: bytes) -> None:
+        """Send a frame of classic CAN."""
+
     def send_frames(self, frames: Sequence[Outgoing]) -> None:
         """Send frames of classic CAN one after the other."""
 
@@ -108,6 +111,13 @@ def sender_of(bus: can.BusABC) -> Callable[[Sequence[Outgoing]], None]:
             bus.send(plain_message(can_id, data), 0)
 
     return send
+
+
+def single_sender_of(bus: can.BusABC) -> Callable[[int, bytes], None]:
+    """Return a function that sends one frame of classic CAN: as `sender_of` does."""
+    if hasattr(bus, "send_frame"):
+        return cast("_Batching", bus).send_frame
+    return lambda can_id, data: bus.send(plain_message(can_id, data), 0)
 
 
 def plain_message(can_id: int, data: bytes) -> can.Message:

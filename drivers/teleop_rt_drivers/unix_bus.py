@@ -200,6 +200,16 @@ class UnixBus(can.BusABC):
             except OSError:  # it has left; what it said before is still to be heard
                 continue
 
+    def send_frame(self, can_id: int, data: bytes) -> None:
+        """Send one frame of classic CAN, for which the call for several costs more than it saves.
+
+        Nothing is waited for, as in `send`.
+        """
+        if not self._peers:
+            self._meet()
+        size = 1 if can_id & REMOTE else len(data)
+        self._send_packet(_pack(can_id, size, data, time.monotonic_ns()))
+
     def send_frames(self, frames: Sequence[Outgoing]) -> None:
         """Send frames of classic CAN, _AT_ONCE at most, by one call of the system for each program.
 
@@ -208,10 +218,6 @@ class UnixBus(can.BusABC):
         if not self._peers:
             self._meet()
         now_ns = time.monotonic_ns()
-        if len(frames) == 1:  # then the call for several costs more than it saves
-            can_id, data = frames[0]
-            self._send_packet(_pack(can_id, 1 if can_id & REMOTE else len(data), data, now_ns))
-            return
         memory = self._outgoing.memory
         for index, (can_id, data) in enumerate(frames):
             size = 1 if can_id & REMOTE else len(data)

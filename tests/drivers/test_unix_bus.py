@@ -15,7 +15,7 @@ import can
 import pytest
 
 from teleop_rt_drivers import can_frames, unix_bus
-from teleop_rt_drivers.can_frames import UNREADABLE, Frame, one_by_one
+from teleop_rt_drivers.can_frames import REMOTE, UNREADABLE, Frame, one_by_one, plain_message
 from teleop_rt_drivers.unix_bus import UnixBus, folder_of
 
 ROOT = Path(__file__).parents[2]
@@ -98,6 +98,19 @@ def test_a_frame_arrives_as_it_was_sent_with_the_time_of_sending(channel, sent, 
         assert heard.equals(sent, timestamp_delta=None, check_channel=False, check_direction=False)
         assert heard.timestamp == pytest.approx(sent_s, abs=1e-6)
         assert ours.recv(0) is None
+
+
+@pytest.mark.parametrize(
+    ("can_id", "data"), [(0x181, b"12345678"), (0x080, b""), (REMOTE | 0x701, b"")]
+)
+def test_a_single_frame_is_heard_as_one_of_several_and_as_the_library_s_own(channel, can_id, data):
+    with UnixBus(channel) as ours, UnixBus(channel) as theirs:
+        ours.send_frame(can_id, data)
+        ours.send_frames([(can_id, data), (can_id, data)])
+        ours.send(plain_message(can_id, data))
+        single, *others = [(one, bytes(held)) for one, held, _ in theirs.waiting_frames(64)]
+        assert single[0] == can_id
+        assert others == [single] * 3
 
 
 def test_who_comes_later_hears_and_is_heard_and_who_leaves_is_not_missed(channel):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
-from teleop_rt_drivers.can_frames import REMOTE, sender_of
+from teleop_rt_drivers.can_frames import REMOTE, single_sender_of
 from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
 from teleop_rt_drivers.canopen.counters import Counters
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.can_frames import Outgoing
     from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
@@ -49,7 +48,7 @@ class CanopenAxis:
         self._config = config
         self._rig = rig
         self._bus = bus
-        self._send_frames = sender_of(bus)
+        self._send_frame = single_sender_of(bus)
         self._now_ns = now_ns
         self._dictionaries = {
             name: eds.load(node.eds, node.node_id) for name, node in config.nodes.items()
@@ -61,9 +60,12 @@ class CanopenAxis:
         self._drive = self._parts[2]
         self._switch = build.switch_codec(config.drive, self._dictionaries.get("drive"))
         self._receiver = Receiver(config, rig, self._parts, self._switch, bus, self.counters)
+        guarded = any(node.guarding for node in config.nodes.values())
+        self._guards = self._receiver.guards if guarded else None
         self._syncs = _sync_frames(config.daemon)
         self._sync_count = 0
-        self._heartbeat = ((BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,))),)
+        self._sync_id = config.daemon.sync_cob_id
+        self._heartbeat = BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,))
         self._heartbeat_period_ns = config.daemon.heartbeat_ms * 1_000_000
         self._heartbeat_due_ns = 0
         self._sync_ns = 0
@@ -141,9 +143,10 @@ class CanopenAxis:
             self._send_sync()
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
-            self._send(self._heartbeat)
-        for node in self._receiver.guards.due(now_ns):
-            self._send(((BOOT_UP + node | REMOTE, b""),))
+            self._send(*self._heartbeat)
+        if self._guards is not None:
+            for node in self._guards.due(now_ns):
+                self._send(BOOT_UP + node | REMOTE, b"")
 
     def _await_answers(self, asked_ns: int) -> None:
         """Take frames until all answers to this SYNC are there, or their time is over."""
@@ -162,7 +165,7 @@ class CanopenAxis:
         Where nothing acknowledges nothing is commanded: it would wait, and act when power returns.
         """
         if self._drive is not None and self._receiver.fault is not _NOT_ACKNOWLEDGED:
-            self._send(((self._drive.rpdo.cob_id, self._drive.command(position)),))
+            self._send(self._drive.rpdo.cob_id, self._drive.command(position))
 
     def push(self, force: float) -> None:
         """Command a force [rig unit] in place of a position, as an operator's device does.
@@ -172,7 +175,7 @@ class CanopenAxis:
         if self._drive is None or self._drive.takes_positions:
             raise AxisError("drive.torque is missing: an operator's device is driven by force")
         if self._receiver.fault is not _NOT_ACKNOWLEDGED:
-            self._send(((self._drive.rpdo.cob_id, self._drive.force_command(force)),))
+            self._send(self._drive.rpdo.cob_id, self._drive.force_command(force))
 
     def stop(self) -> None:
         """Quick-stop the drive at once, with a SYNC of its own. Never raises.
@@ -182,7 +185,7 @@ class CanopenAxis:
         """
         if not self._master or self._drive is None:
             return
-        self._send(((self._drive.rpdo.cob_id, self._drive.stop_command()),))
+        self._send(self._drive.rpdo.cob_id, self._drive.stop_command())
         self._ask()
 
     def close(self) -> None:
@@ -195,8 +198,8 @@ class CanopenAxis:
         if self._master:
             for name, node in reversed(self._config.nodes.items()):
                 if name == "drive":
-                    self._send(((setup.NMT, bytes((setup.STOP_NODE, node.node_id))),))
-                self._send(((setup.NMT, bytes((setup.PRE_OPERATIONAL, node.node_id))),))
+                    self._send(setup.NMT, bytes((setup.STOP_NODE, node.node_id)))
+                self._send(setup.NMT, bytes((setup.PRE_OPERATIONAL, node.node_id)))
         self._master = False
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
@@ -224,13 +227,13 @@ class CanopenAxis:
     def _send_sync(self) -> None:
         """Send SYNC and note its time: the answers will be stamped with it."""
         self._sync_ns = self._now_ns()
-        self._send(self._syncs[self._sync_count])
+        self._send(self._sync_id, self._syncs[self._sync_count])
         self._sync_count = (self._sync_count + 1) % len(self._syncs)
 
-    def _send(self, frames: tuple[Outgoing, ...]) -> None:
+    def _send(self, can_id: int, data: bytes) -> None:
         """Send without waiting; a frame that cannot be sent is counted."""
         try:
-            self._send_frames(frames)
+            self._send_frame(can_id, data)
         except (can.CanError, OSError) as error:
             self.counters["send_failed"] += 1
             self._send_failures += 1
@@ -241,9 +244,8 @@ class CanopenAxis:
             self._send_failures = 0
 
 
-def _sync_frames(daemon: DaemonConfig) -> list[tuple[Outgoing]]:
-    """Return the SYNC frames in turn: one, or one for each count."""
+def _sync_frames(daemon: DaemonConfig) -> list[bytes]:
+    """Return what the SYNC frames hold in turn: nothing, or each count."""
     if daemon.sync_counter is None:
-        return [((daemon.sync_cob_id, b""),)]
-    counts = range(1, daemon.sync_counter + 1)
-    return [((daemon.sync_cob_id, bytes((count,))),) for count in counts]
+        return [b""]
+    return [bytes((count,)) for count in range(1, daemon.sync_counter + 1)]

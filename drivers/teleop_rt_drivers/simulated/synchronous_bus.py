@@ -61,6 +61,10 @@ class SynchronousBus(can.BusABC):
         """Deliver a frame and let the other end answer at once."""
         self.transmit(msg)
 
+    def send_frame(self, can_id: int, data: bytes) -> None:
+        """Deliver a frame of classic CAN, as `send` does."""
+        self.transmit((can_id, data))
+
     def send_frames(self, frames: Sequence[Outgoing]) -> None:
         """Deliver frames of classic CAN one after the other, as `send` does."""
         for frame in frames:
