@@ -63,6 +63,7 @@ _DATA: dict[Role, frozenset[int]] = {
 
 # By these names a tick finds them at once.
 _KIND, _SEQUENCE, _MOTION = intake.KIND, intake.SEQUENCE, int(Kind.MOTION)
+_ARRIVED, _NEWS = intake.ARRIVED, intake.NEWS
 _PEER_STAMP, _PEER_STAMP_TAKEN = intake.PEER_STAMP, intake.PEER_STAMP_TAKEN
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 
@@ -150,7 +151,7 @@ class Endpoint(Mailbox):
 
         A session that nobody answers any more, as after a reload without this key, is none.
         """
-        if self.connected and not self.sessions.silent(now_ns):
+        if self.sessions.stands(now_ns):
             return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
         silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
         return self._refusal() or (NOTHING_TROUBLE if silent else 0)
@@ -162,7 +163,7 @@ class Endpoint(Mailbox):
     def silence_ns(self, now_ns: int) -> int:
         """Return the age of the newest message taken in, or the time since start before one."""
         numbers = self._numbers
-        return now_ns - min(numbers[intake.ARRIVED], numbers[intake.NEWS])
+        return now_ns - min(numbers[_ARRIVED], numbers[_NEWS])
 
     def poll(self) -> None:
         """Take in what has arrived, a bounded number of packets, and keep the session alive."""
@@ -195,7 +196,7 @@ class Endpoint(Mailbox):
 
     def fix_clock(self) -> None:
         """Hold the peer's clock and the link's own delay from now on, if messages come."""
-        if self.connected and not self.sessions.silent(self._now_ns()):
+        if self.sessions.stands(self._now_ns()):
             self.clock.fix()
 
     def forget_waiting(self) -> None:

@@ -57,6 +57,10 @@ class Sessions:
         round_trip_ns = min(max(0, self._statistics.round_trip_ns), SLOWEST_LINK_NS)
         return silence_ns > RECONNECT_AFTER_NS + round_trip_ns
 
+    def stands(self, now_ns: int) -> bool:
+        """Return whether there is a session, and not a silent one."""
+        return self.current is not None and not self.silent(now_ns)
+
     def find(self, session_id: int) -> Session:
         """Return the session of this number, a candidate too. Raises MessageError for another."""
         for session in (self.current, self._former, self._retired):

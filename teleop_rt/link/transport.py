@@ -100,23 +100,18 @@ class UdpTransport:
             if 0 < at < _AT_ONCE:  # the last call had taken all
                 self._count = self._next = 0
                 return None
-            at = 0
-            if not self._take():
+            at = self._next = 0
+            try:
+                self._count = self._packets.receive(self._descriptor)
+            except OSError:
+                self._count = 0
+            if not self._count:
                 return None
         self._next = at + 1
         if self._names[at * _NAME_WORDS] != self._name:
             self._meet(at)
         packets, place = self._packets, at * MAX_DATAGRAM
         return bytes(packets.memory[place : place + packets.lengths[at]])
-
-    def _take(self) -> int:
-        """Take the datagrams that wait now, and return how many."""
-        self._next = 0
-        try:
-            self._count = self._packets.receive(self._descriptor)
-        except OSError:
-            self._count = 0
-        return self._count
 
     def _meet(self, at: int) -> None:
         """Read another sender's address than the last one's: family, port and host."""

@@ -98,6 +98,7 @@ class Tick:
     holds: int
     held_by: int
     led: int
+    calm: int
     # The zeros.
     joined: int
     shift: float

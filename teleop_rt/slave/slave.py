@@ -34,10 +34,10 @@ from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP, ZEROS, decide
 from teleop_rt.slave.supervision import Supervision
 
 # Where the fields that this module reads one by one are in the record of a tick.
-_LATE, _RUNS_OUT, _AXIS_FAULT = place("late_ns"), place("runs_out_ns"), place("axis_fault")
+_LATE, _RUNS_OUT = place("late_ns"), place("runs_out_ns")
 _POSITION, _LED, _WRITTEN = place("position"), place("led"), place("written")
-_STATE, _FAULT = place("state"), place("fault")
-_HOLD, _KIND = int(faults.HOLD), Kind.STATE
+_CALM = place("calm")
+_KIND = Kind.STATE
 _HOLDS = frozenset({faults.ARMED, faults.RUN, faults.HOLD})
 
 _COLUMN = columns(SLAVE)
@@ -103,6 +103,7 @@ class Slave:
             rig.sensors.position_resolution,
         )  # fmt: skip
         self.reference = Reference(rig.reference, rig.limits, period_s, record)
+        self._has_zeros = self.reference.used
         self._configure_record(trial)
         self.unsafe = rig.unsafe
         self.tick = 0
@@ -253,7 +254,12 @@ class Slave:
         self.reference.apply(sample)
         self._stamp_ns = self._now_ns()
         self._endpoint.poll()
-        self._valid = sample.valid and self.reference.ready and self._is_of_contact(sample)
+        # Most rigs have neither zeros to find nor a force from the drive: no calls for those.
+        self._valid = (
+            sample.valid
+            and (not self._has_zeros or self.reference.ready)
+            and (not self._force_from_drive or self._is_of_contact(sample))
+        )
         if self._pairing is not None:
             self._estimate_pair(self._pairing)
         elif self._valid:
@@ -265,9 +271,7 @@ class Slave:
             self._pipeline.update(sample.position, sample.force, valid=False)
 
     def _is_of_contact(self, sample: Sample) -> bool:
-        """Return whether the force is that of contact: a drive's own is not once it lets go."""
-        if not self._force_from_drive:
-            return True
+        """Return whether a drive's own force is that of contact: not once it lets go."""
         return sample.enabled and self.safety.state in _HOLDS
 
     def _estimate_pair(self, pairing: Pairing) -> None:
@@ -344,9 +348,8 @@ class Slave:
 
     def _note_fault(self) -> None:
         """Note when a fault came, what a device adds to it, and that it was reset."""
-        sample, last, counts = self._sample, self.stopped, self._counts
-        calm = counts[_FAULT] == counts[_AXIS_FAULT] == 0 and counts[_STATE] != _HOLD
-        if calm and last.fault is faults.NO_FAULT and sample.complaint == last.said:
+        sample, last = self._sample, self.stopped
+        if self._counts[_CALM] and last.fault is faults.NO_FAULT and sample.complaint == last.said:
             return
         fault, said = self.fault, sample.complaint
         if fault is faults.SAMPLES_LOST or self.safety.state == faults.HOLD:

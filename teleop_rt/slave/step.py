@@ -203,6 +203,7 @@ def decide(
         if t.has_zeros > 0 and t.state not in (_RUN, _HOLD):
             return ZEROS
     supervise(t)
+    t.calm = t.fault == 0 and t.axis_fault == 0 and t.state != _HOLD
     aim(t)
     action = act(t)
     write_row(t, estimators[0], link, rows[0])
