@@ -66,6 +66,7 @@ class Run:
     [
         (hand(0.3, 200, 3), wall(3600), NO_DELAY, 3.5),
         (hand(0.3, 300, 5), wall(15_000), NO_DELAY, 3.5),
+        (hand(1.0, 400, 15), wall(15_000), TWO_SECONDS, 6),
         (hand(1.0, 400, 15), wall(40_000), TWO_SECONDS, 6),
     ],
 )
