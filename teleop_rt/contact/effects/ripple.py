@@ -24,9 +24,10 @@ def _two_harmonics(
     return float(sin(first) + eta[2] * sin(second) + eta[3] * cos(second))
 
 
-# Less than one and a half periods within the travel show no ripple.
+# What does not come back within the travel is no ripple: of one and a half periods a smooth law is
+# made, which fits a stiffening body and predicts nothing.
 _PITCH = Shape(
-    "pitch", "{x}", 1.0 / 60.0, 2.0 / 3.0, 0.2, reciprocal=True, relative_to="travel", points=118
+    "pitch", "{x}", 1.0 / 60.0, 0.5, 0.2, reciprocal=True, relative_to="travel", points=118
 )
 _PHASE = Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
 _SECOND_HARMONIC = tuple(
