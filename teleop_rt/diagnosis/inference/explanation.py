@@ -32,7 +32,6 @@ from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_na
 
 _NEARLY_AS_GOOD = 1.0 - LEAST_SHARE
 
-_LEAST_LEFT = 1.0 - NAMED_SHARE
 _ROUNDING = 1e-12  # share of the base's energy; smaller ones are rounding errors
 
 
@@ -205,7 +204,7 @@ def _named_part(
         )
         order, names = [*order, *(longer - names)], longer
         taken, left = energy - known[names].energy, energy - noise
-        completes = left > _LEAST_LEFT * excess and taken >= _NEARLY_AS_GOOD * left
+        completes = left > (1.0 - NAMED_SHARE) * excess and taken >= _NEARLY_AS_GOOD * left
         if completes or taken >= LEAST_SHARE * excess:
             named = len(order)
             excess -= taken if order[-1] in tones else 0.0
