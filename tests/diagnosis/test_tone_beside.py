@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import scipy
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -30,3 +32,18 @@ def test_a_second_effect_is_named_beside_a_tone_of_much_more_energy() -> None:
 def test_a_tone_is_a_line_in_time_and_a_ripple_along_the_stroke_is_none() -> None:
     """A ripple has harmonics and other forms, so its energy counts for a second effect."""
     assert {effect.name for effect in LIBRARY if adds_tone(effect)} == {"periodic_disturbance"}
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_resonance_of_the_rig_in_the_noise_is_no_tone(seed: int) -> None:
+    """Noise that rings at 47 Hz, four times as loud there: its largest bins were named."""
+    dt, rng = 1e-3, np.random.default_rng(seed)
+    t = dt * np.arange(12_000)
+    x = 3e-3 * np.sin(1.2 * np.pi * t) + 1.5e-3 * np.sin(3.4 * np.pi * t + 1.0) + 1e-3
+    force = np.where(x > 0.0, np.maximum(1500.0 * x + 10.0 * np.gradient(x, t), 0.0), 0.0)
+    decay, turn = np.exp(-np.pi * 47.0 / 12.0 * dt), 2.0 * np.pi * 47.0 * dt
+    ring = [1.0, -2.0 * decay * np.cos(turn), decay**2]
+    rings = scipy.signal.lfilter([1.0], ring, rng.standard_normal(t.size + 2000))[2000:]
+    force += 0.03 * rng.standard_normal(t.size) + 0.05 * rings / np.std(rings)
+    answer = diagnose(from_arrays("rings", t, x, force), surface=0.0).answer
+    assert answer["verdict"] == "no_missing_effect"

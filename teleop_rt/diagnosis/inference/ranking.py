@@ -20,7 +20,12 @@ from teleop_rt.diagnosis.inference.pairs import (
     fit_without,
     search_pairs,
 )
-from teleop_rt.diagnosis.inference.second import both_needed, shows_tone_or_air_force, with_form
+from teleop_rt.diagnosis.inference.second import (
+    both_needed,
+    noise_beside_tone,
+    shows_tone_or_air_force,
+    with_form,
+)
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
 from teleop_rt.diagnosis.inference.verdict import (
     Ranked,
@@ -112,8 +117,10 @@ class Ranking:
         """Return the noise energy in each direction that a fit adds; None if a shape was searched.
 
         Red noise has more energy along slow directions, and a searched shape finds more of it.
-        `own` is the fit's tangent space.
+        Beside a tone the residual itself shows it. `own` is the fit's tangent space.
         """
+        if (beside := noise_beside_tone(self.problem, fit)) is not None:
+            return max(beside, 1.0)
         added = own.shape[1] - self._base_tangent_space.shape[1]
         if added < 1 or any(effect.shapes for effect in fit.model.effects):
             return None

@@ -25,6 +25,7 @@ from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, power
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _TONE_BINS = 3  # bins on either side into which a tone leaks
+_TONE_DIRECTIONS = 2 * (2 * _TONE_BINS + 1)  # sine and cosine of each of these bins
 _NEIGHBOUR_BINS = 24  # bins on either side that give the typical power beside a tone
 _TONE_RATIO = 10.0  # times the typical power beside it; a broader peak is no tone
 _RINGING_S = 0.05  # s after a contact in which the band limit makes its residual ring
@@ -151,17 +152,29 @@ def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:
     return independent * (left / noise - 1.0), float(np.sqrt(2.0 * independent))
 
 
-def _bin_of_tone(problem: Problem, pair: Fit) -> int | None:
-    """Return the bin of a pair's tone in time; None unless exactly one member is a tone."""
+def _bin_of_tone(problem: Problem, fit: Fit) -> int | None:
+    """Return the bin of a fit's tone in time; None unless exactly one effect is a tone."""
     tones = [
         float(value)
-        for value, c in zip(pair.zeta, pair.model.coordinates, strict=True)
-        if c.owner >= 0 and c.shape.unit == "Hz" and adds_tone(pair.model.effects[c.owner])
+        for value, c in zip(fit.zeta, fit.model.coordinates, strict=True)
+        if c.owner >= 0 and c.shape.unit == "Hz" and adds_tone(fit.model.effects[c.owner])
     ]
     if len(tones) != 1:
         return None
     place = round(tones[0] * problem.motion.dt * problem.force.size)
     return min(place, problem.whitener.bins - 1)
+
+
+def noise_beside_tone(problem: Problem, fit: Fit) -> float | None:
+    """Return the energy of noise in each direction beside a fit's tone; None without a tone.
+
+    A resonance of the rig raises the noise in a band that no colour of the noise model follows, and
+    its largest bins look like tones against the model.
+    """
+    place = _bin_of_tone(problem, fit)
+    if place is None:
+        return None
+    return float(_neighbour_power(_tone_power(_spectrum(fit.residual)))[place]) / _TONE_DIRECTIONS
 
 
 def adds_tone(effect: Effect) -> bool:
