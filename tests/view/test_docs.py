@@ -172,7 +172,7 @@ def test_the_site_fetches_nothing_and_holds_what_the_code_and_the_readme_say(sit
         assert "arithmatex" not in text
     assert [source for source in sources.found if re.match(r"(https?:)?//", source)] == []
     measured = (site / "measured.html").read_text()
-    assert "<td>default trial, 20 seeds" in measured
+    assert "<td>default trial (12 ± 8 mm), 20 seeds" in measured
     assert "README:" not in measured
     assert "<math" in (site / "theory" / "rendering.html").read_text()
     for name in ("yaml", "faults", "effects"):  # the tree's own page only refers to this one
