@@ -101,9 +101,10 @@ class HandOperator(Section):
         ),
     )
     stiffness: Stiffness = Field(
-        gt=0,
+        ge=0,
         description=(
-            "Stiffness with which the hand is held to its intention; 300 to 3000 N/m is usual."
+            "Stiffness with which the hand is held to its intention; 300 to 3000 N/m is usual, "
+            "0 for a hand that only carries its mass along."
         ),
     )
     damping: Damping = Field(ge=0, description="Damping of the hand against its intention.")

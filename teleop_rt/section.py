@@ -8,10 +8,17 @@ has no suffix (`position_max`) and is in the rig's unit.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, cast
 
-from annotated_types import Ge, GroupedMetadata, Le
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import core_schema
 
 LEAST, MOST = 1e-12, 1e12
 """Of any quantity in SI: from picometres and piconewtons to more than any machine has."""
@@ -38,20 +45,29 @@ PositionUnit = Literal["m", "rad"]
 ForceUnit = Literal["N", "Nm"]
 
 
-class Quantity(GroupedMetadata):
+class Quantity:
     """Annotation of a field whose key ends in the rig's unit; {x} and {f} represent the units.
 
-    It bounds the field by the range that machines have (MOST_OF).
+    It bounds the field by the range that machines have (MOST_OF), beside the bounds of its own.
     """
 
     def __init__(self, suffix: str) -> None:
         self.suffix = suffix
 
-    def __iter__(self) -> Iterator[Ge | Le]:
-        """Yield the bounds of any quantity of this unit."""
-        most = MOST_OF[self.suffix]
-        yield Ge(-most)
-        yield Le(most)
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Return the field's schema, bounded where it has no bound of its own on that side.
+
+        A plain `Ge` beside the field's own replaces it, and a damping of -5 is accepted.
+        """
+        schema, most = handler(source), MOST_OF[self.suffix]
+        number: dict[str, Any] = dict(schema["schema"] if schema["type"] == "nullable" else schema)
+        number.setdefault("le", most)
+        if "gt" not in number:
+            number.setdefault("ge", -most)
+        bounded = cast("core_schema.CoreSchema", number)
+        return core_schema.nullable_schema(bounded) if schema["type"] == "nullable" else bounded
 
     def key(self, name: str, units: Units) -> str:
         """Return the YAML key of the field `name` on a rig with these units."""

@@ -11,7 +11,7 @@ from teleop_rt.config_loader import dump, load_rig, load_trial
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.section import Force, Units
 from teleop_rt.yaml_file import ConfigError, parse_scalar
-from teleop_rt_dev.paths import SILICONE
+from teleop_rt_dev.paths import SILICONE, TRIALS
 
 
 class BenchAxis(AxisConfig):
@@ -253,6 +253,26 @@ def test_an_override_reaches_trial_and_rig_and_is_validated_alike(tmp_path):
     ]
     assert load_trial(path, AXES, PLANTS, ['name="4057"']).name == "4057"
     assert problems_of(tmp_path, overrides=["link"]) == ["--set link: write key.path=value"]
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "operator.hand.damping_N_s_per_m=-5",
+        "operator.hand.tremor_N=-0.5",
+        "operator.hand.stiffness_N_per_m=-1",
+        "operator.rig.device.damping_N_s_per_m=-8",
+    ],
+)
+def test_what_must_not_be_negative_is_refused_beside_the_range_of_its_unit(override):
+    """The range of the unit once replaced the field's own bound, and a damping of -5 ran."""
+    with pytest.raises(ConfigError, match="must be greater than or equal to 0"):
+        load_trial_file(TRIALS / "handle.yaml", [override])
+
+
+def test_a_hand_without_a_spring_only_carries_its_mass():
+    trial = load_trial_file(TRIALS / "handle.yaml", ["operator.hand.stiffness_N_per_m=0"])
+    assert trial.operator.hand.stiffness == 0.0
 
 
 @pytest.mark.parametrize(
