@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from importlib.resources import files
 from types import MappingProxyType
@@ -169,12 +169,49 @@ def counted(count: int, one: str, many: str | None = None) -> str:
     return f"{count} {one if count == 1 else many or f'{one}s'}"
 
 
+# [m] and [N]. A figure keeps a unit down to a thousandth of it: below, the next is easier to read.
+_LENGTHS = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
+_FORCES = ((1.0, "N"), (1e-3, "mN"), (1e-6, "µN"), (1e-9, "nN"))
+_LEAST_OF_UNIT = 1e-3
+_NO_EXPONENT = 1e5  # below it five digits print without an exponent
+_FORCE = re.compile(r"N(?=$|[ /])")  # not the Nm of a rotary rig
+_POWER_OF_LENGTH = re.compile(r"(?<=/)m\^(\d+(?:\.\d+)?)$")
+
+
 def in_shown_unit(content: Any) -> Any:
-    """Return `{value, std, unit}` of a length in mm, as positions are shown; others as they are."""
-    if content["unit"] != "m":
-        return content
-    scaled = {key: content[key] and 1e3 * content[key] for key in ("value", "std")}
-    return {**content, **scaled, "unit": "mm"}
+    """Return `{value, std, unit}` in the unit of its size: a length in mm, of a micro body in µm.
+
+    The larger of value and std chooses the unit, so that a value near 0 does not.
+    """
+    size = max((abs(content[key]) for key in ("value", "std") if content[key]), default=0.0)
+    factor, unit = _unit_of_size(size, content["unit"])
+    scaled = {key: content[key] and factor * content[key] for key in ("value", "std")}
+    return {**content, **scaled, "unit": unit} if unit != content["unit"] else content
+
+
+def _unit_of_size(size: float, unit: str) -> tuple[float, str]:
+    """Return the factor from a unit to the one that shows a figure of this size, and that unit."""
+    if unit == "m":
+        step, unit = _step(size, _LENGTHS)
+        return 1.0 / step, unit
+    factor = 1.0
+    power = _POWER_OF_LENGTH.search(unit)
+    if power and size >= _NO_EXPONENT**2:  # N/m^3 of a body of some mm stays as it is
+        shrunk = ((step ** float(power[1]), name) for step, name in _LENGTHS)
+        factor, name = next((s, n) for s, n in (*shrunk, (0.0, "")) if s * size < _NO_EXPONENT)
+        if not factor:
+            return 1.0, unit
+        unit = f"{unit[: power.start()]}{name}^{power[1]}"
+    if _FORCE.match(unit):
+        step, name = _step(size * factor, _FORCES)
+        return factor / step, name + unit[1:]
+    return factor, unit
+
+
+def _step(size: float, steps: Sequence[tuple[float, str]]) -> tuple[float, str]:
+    """Return the first step that a size is not far below, else the last; the first for 0 or NaN."""
+    fits = (step for step in steps if size >= _LEAST_OF_UNIT * step[0])
+    return next(fits, steps[-1] if size > 0.0 else steps[0])
 
 
 def printed(unit: str) -> str:

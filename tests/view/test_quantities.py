@@ -4,7 +4,7 @@ import pytest
 
 from teleop_rt.view.quantities import parameter_unit, small_position
 from teleop_rt.view.run_folder import selected_row
-from teleop_rt.view.style import method_name, parameter
+from teleop_rt.view.style import in_words, method_name, parameter
 
 
 @pytest.mark.parametrize(
@@ -35,11 +35,36 @@ def test_a_length_among_the_parameters_is_shown_in_mm_and_an_angle_as_it_is():
     shown = parameter("travel", {"value": 4e-4, "std": 2.5e-6, "unit": "m"})
     assert shown == "travel = 0.4 ± 0.0025 mm"
     unsure = parameter("surface", {"value": -1.9576e-8, "std": 3.5e-7, "unit": "m"})
-    assert unsure == "surface = -2e-05 ± 0.00035 mm"
+    assert unsure == "surface = -0.02 ± 0.35 µm"
     sure = parameter("k", {"value": 3600.348, "std": 0.4512, "unit": "N/m"})
     assert sure == "k = 3600.3 ± 0.45 N/m"
     assert parameter("gap", {"value": 2e-3, "std": None, "unit": "m"}) == "gap = 2 mm"
     assert parameter("phase", {"value": 0.5, "std": None, "unit": "rad"}) == "phase = 0.5 rad"
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "shown"),
+    [
+        (7.67e-11, "m", "0.0767 nm"),
+        (4.2e-7, "m", "0.42 µm"),
+        (3e-7, "N", "0.3 µN"),
+        (4e-10, "N s/m", "0.4 nN s/m"),
+        (2.324e22, "N/m^5.42", "0.070184 nN/µm^5.42"),
+        (2e11, "N/m^3", "200 N/mm³"),
+        (5e6, "N/m^3", "5e+06 N/m³"),  # a body of some mm: as the reference writes it
+        (2e-7, "Nm/rad", "2e-07 Nm/rad"),
+        (0.0, "m", "0 mm"),
+        (float("nan"), "N", "nan N"),
+    ],
+)
+def test_a_parameter_of_a_micro_body_is_shown_in_the_unit_of_its_size(value, unit, shown):
+    assert parameter("p", {"value": value, "std": None, "unit": unit}) == f"p = {shown}"
+
+
+def test_the_sentence_of_an_effect_has_the_units_of_its_parameters():
+    depth = {"value": 7.67e-11, "std": None, "unit": "m"}
+    effect = {"parameters": {"depth": depth}, "sentence": "A layer at {depth}."}
+    assert in_words(effect) == "A layer at 0.0767 nm."
 
 
 def test_a_method_keeps_its_name_where_its_effects_are_frozen():
