@@ -113,6 +113,20 @@ def test_the_live_page_follows_a_trial_and_shows_a_fault_with_its_next_step(
     until(browser, lambda: browser.find_element("id", "gone").is_displayed())
 
 
+def test_before_data_arrive_the_page_waits_and_shows_no_axes(browser, page, simulated):
+    trial, _ = simulated
+    address, _ = page
+    browser.get(f"{address}?theme=light")
+    plots = browser.find_element("id", "plots")
+    waiting = browser.find_element("id", "waiting")
+    until(browser, lambda: "silicone_cube" in text(browser, "about"))
+    assert waiting.text == "Waiting for data …"
+    assert plots.value_of_css_property("visibility") == "hidden"
+    until(browser, lambda: not waiting.is_displayed(), trial.step)
+    assert plots.value_of_css_property("visibility") == "visible"
+    assert console_errors(browser) == []
+
+
 def test_a_browser_may_come_and_go_pause_and_choose_its_theme(browser, simulated, page):
     trial, _ = simulated
     address, _ = page

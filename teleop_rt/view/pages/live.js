@@ -180,6 +180,8 @@ function ask(asked) {
 function paint() {
   const touched = new Set();
   for (const frame of waiting.splice(0)) take(frame, touched);
+  const wait = control("waiting"); // axes without a row would show an invented scale
+  if (!wait.hidden) wait.hidden = Object.values(held).some((rows) => rows.t?.some(Number.isFinite));
   show(touched);
   drawn += 1;
 }
