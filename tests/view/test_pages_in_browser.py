@@ -196,6 +196,17 @@ def test_words_in_a_cell_keep_room_and_rows_of_a_comparison_keep_their_line(chro
     assert name == pytest.approx(figure, abs=3)
 
 
+def test_all_columns_of_a_comparison_are_in_a_window_of_1300_px(chromium, pages):
+    look(chromium, pages["compare"], 1300)
+    region = chromium.find_element("css selector", ".wide:has(table.sortable)")
+    model = "arguments[0].querySelectorAll('tbody td')[1]"
+    longest = "Mass-spring-damper, algebraic + NI-SPRLS"
+    chromium.execute_script(f"{model}.lastChild.textContent = '{longest}'", region)
+    widths = "return [arguments[0].scrollWidth, arguments[0].clientWidth]"
+    needed, given = chromium.execute_script(widths, region)
+    assert 1088 < needed <= given  # of a table that a page of prose would cut
+
+
 def test_the_pointer_shows_values_and_zoom_moves_the_linked_axes(chromium, pages):
     actions = pytest.importorskip("selenium.webdriver.common.action_chains")
     look(chromium, pages["report"])
