@@ -128,13 +128,17 @@ def _as_pushed(motion: SwingRecord) -> Floats:
         there = motion.force == level
         if not np.isfinite(motion.reported[there]).any():
             continue
-        reported = float(np.nanmedian(motion.reported[there]))
-        if abs(reported - level) > ROUNDED_SHARE * abs(level):
+        reported = motion.reported[there]
+        typical = float(np.nanmedian(reported))
+        if abs(typical - level) > ROUNDED_SHARE * abs(level):
             raise CalibrationError(
-                f"the drive reports a force of {reported:.3g} where {level:.3g} is commanded: "
+                f"the drive reports a force of {typical:.3g} where {level:.3g} is commanded: "
                 "raise --force, or correct the drive's scale"
             )
-        pushed[there] = reported
+        # A drive of few bits goes to and fro between two codes; after a turn it reports the last
+        # force for a while.
+        settled = np.abs(reported - typical) < ROUNDED_SHARE * abs(level)
+        pushed[there] = float(np.mean(reported[settled]))
     return pushed
 
 
