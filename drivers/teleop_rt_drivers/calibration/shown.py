@@ -8,13 +8,13 @@ from typing import Any
 from teleop_rt.section import Units
 
 WORDS = {
-    "factor": ("factor on the scale of the file", ""),
+    "factor": ("correction factor for the scale in the file", ""),
     "offset": ("offset", "{f}"),
     "noise": ("noise", "{f}"),
     "drift_per_s": ("drift", "{f}/s"),
     "largest_error": ("largest error of a weight", "{f}"),
     "span": ("span of the weights", "{f}"),
-    "linearity": ("largest error by span", ""),
+    "linearity": ("largest error as a share of the span", ""),
     "lag_ms": ("lag", "ms"),
     "torque_lag_ms": ("lag of the torque", "ms"),
     "deviation_ms": ("standard deviation of the lag", "ms"),
@@ -31,8 +31,9 @@ WORDS = {
 }
 """Words and unit of each result; `unit` itself is in all of them."""
 OF_DEVICE = (
-    "for the rig's file: the least damping that the motion allows, for passivity counts on it; and"
-    " the latency without the part that the driver knows, of bus and frames"
+    "two values in the rig's file differ from these: its damping is the least that the motion"
+    " allows, because the passivity bound relies on it, and its latency is that of the device"
+    " alone, because the driver adds that of bus and frames"
 )
 
 
