@@ -82,8 +82,14 @@ class IdealWall:
         return max(0.0, float(force))
 
 
-def ideal_motion(trial: TrialConfig, wall: ContinuousWall) -> tuple[Array, Array]:
-    """Return position and wall force (n,) of every period of a trial, in front of a wall."""
+def ideal_motion(
+    trial: TrialConfig, wall: ContinuousWall, way: Array | None = None
+) -> tuple[Array, Array]:
+    """Return position and wall force (n,) of every period of a trial, in front of a wall.
+
+    `way` (m, 2) are the positions and velocities that the device takes in the first periods; the
+    hand goes with it, and grips it as before.
+    """
     operator = trial.operator
     assert isinstance(operator, DeviceOperator)
     assert operator.hand is not None
@@ -97,6 +103,7 @@ def ideal_motion(trial: TrialConfig, wall: ContinuousWall) -> tuple[Array, Array
     of_device, of_hand, dry = h / body.mass, h / hand.mass, body.coulomb_friction
     stiffness, damping, viscous = hand.stiffness, hand.damping, body.damping
     wall_force = wall.force
+    taken = [] if way is None else way.tolist()
     for tick in range(1, round(trial.duration_s / period_s) + 1):
         wish = wishes.intend(tick * period_s, force)
         held_on = hand.let_go_s is None or tick * period_s < hand.let_go_s
@@ -111,6 +118,9 @@ def ideal_motion(trial: TrialConfig, wall: ContinuousWall) -> tuple[Array, Array
             v += of_device * (held - force - friction)
             w += of_hand * (arm * held_on + tremor - held)
             x, y = x + h * v, y + h * w
+        if tick <= len(taken):
+            (at, speed), dx, dv = taken[tick - 1], y - x, w - v
+            x, v, y, w = at, speed, at + dx, speed + dv
         rows.append((x, force))
     position, felt = np.array(rows).T
     return position, felt

@@ -3,9 +3,10 @@
 The other ideal walls stand where the body is, and a hand meets them in its own time: the phase of
 its taps to the ringing of the wall, and of its tremor to both, is another one. Here the hand takes
 the whole way that it took, past every wall, offset and brake that was rendered, to a period before
-the swings. From there on it has one wall, which never changes: that of this moment, or that of the
-end of the swings, where they begin with a first touch. No model, no offset, no news, no sampling
-and no latency has a part in it; the wall stays, or moves on as the body does by itself. What the
+the swings. From there on it has one wall: that of this moment, or that of the end of the swings,
+where they begin with a first touch. It never changes while the hand is in it, or in what it would
+change to: a wall that moves where nobody feels it does no work. No model, no offset, no news, no
+sampling and no latency has a part in it; the wall stays, or moves on as the body does. What the
 hand does there is its own share. Swings are its own where it makes a row there at that time, as
 long and as fast and about as large, or where little and nothing sustained remains once its motion
 there is subtracted. The first finds a hand that bounces in its own rhythm, whose motions drift
@@ -91,9 +92,11 @@ class Rendered:
 
 
 class StaysAsItWas:
-    """The walls of a trial in continuous time; from `until_s` on it is that of `stays_s` alone.
+    """The walls of a trial in continuous time; from `until_s` on it is that of `stays_s`.
 
-    Then, if they are to, they move `with_body`, as the plant's surface moves by itself.
+    It stays while the hand is in it or in the one that was rendered then; out of both, it becomes
+    that one, from `stays_s` on. Then, if they are to, they move `with_body`, as the plant's surface
+    moves by itself. What the leash counts from stays as it was.
     """
 
     def __init__(
@@ -107,24 +110,43 @@ class StaysAsItWas:
     ) -> None:
         master = trial.master
         self._ticks, self._period_s = rendered.ticks, 1.0 / master.rate_hz
-        self._until_s, self._stays_s = until_s, stays_s
+        self._until_s, self._stays_s, self._now = until_s, stays_s, -1
         self._body = IdealWall(trial.plant) if with_body else None
         self._most = master.force_max
+        self._leads_from = self._ticks[self._at(stays_s)].leads_from
         self._leash = Leash(
             1e-3 * master.leash_mm, master.leash_force, rendered.grip, self._period_s / STEPS
         )
 
     def force(self, x: float, v: float, t_s: float) -> float:
         """Return the force of the walls and of the leash."""
-        stays = t_s > self._until_s
-        at = min(int((self._stays_s if stays else t_s) / self._period_s), len(self._ticks) - 1)
-        tick, place = self._ticks[at], x - self._ticks[at].offset
-        if self._body is not None and stays:
-            place -= self._body.moved(t_s) - self._body.moved(self._stays_s)
+        stays, now = t_s > self._until_s, self._at(t_s)
+        if stays and now != self._now and t_s > self._stays_s:
+            self._now = now
+            if not self._holds(self._ticks[now], x) and not self._holds(
+                self._ticks[self._at(self._stays_s)], x - self._since(t_s)
+            ):
+                self._stays_s = t_s
+        tick = self._ticks[self._at(self._stays_s)] if stays else self._ticks[now]
+        place = x - tick.offset - (self._since(t_s) if stays else 0.0)
         force = tick.weight * self._of(tick.new, place, v)
         if tick.weight < 1.0:
             force += (1 - tick.weight) * self._of(tick.old, place, v)
-        return force + self._leash.update(x, x - tick.leads_from, v)
+        leads_from = self._leads_from if stays else tick.leads_from
+        return force + self._leash.update(x, x - leads_from, v)
+
+    def _at(self, t_s: float) -> int:
+        return min(int(t_s / self._period_s), len(self._ticks) - 1)
+
+    def _since(self, t_s: float) -> float:
+        """Return how far the wall that stays has moved with the body."""
+        return (
+            0.0 if self._body is None else self._body.moved(t_s) - self._body.moved(self._stays_s)
+        )
+
+    def _holds(self, tick: Tick, x: float) -> bool:
+        place = x - tick.offset
+        return tick.new.holds(place) or (tick.weight < 1.0 and tick.old.holds(place))
 
     def _of(self, wall: Wall, place: float, v: float) -> float:
         return max(-self._most, min(self._most, wall.force(place, v)))
@@ -163,10 +185,12 @@ def is_own(
     period_s = 1.0 / trial.master.rate_hz
     begins_s = max(0.0, row.begins_s)
     moves = IdealWall(trial.plant).fastest > 0.0
+    way = np.column_stack((position, np.gradient(position, period_s)))
+    way = way[: round(begins_s / period_s)]
     for stays_s in (begins_s, row.ends_s):
         for with_body in (False, True)[: 1 + moves]:
             wall = StaysAsItWas(trial, rendered, begins_s, stays_s, with_body=with_body)
-            own, force = ideal_motion(trial, wall)
+            own, force = ideal_motion(trial, wall, way)
             rest = position[: own.size] - own
             left = judge(rest, motor[: own.size], period_s)
             during = slice(round(begins_s / period_s), round(row.ends_s / period_s) + 1)
