@@ -290,12 +290,13 @@ class MovesAsItLikes:
 def test_a_wall_that_pushes_a_hand_out_and_goes_back_unfelt_is_found(judge):
     """It works on the hand at each touch: what it does while nobody feels it is no excuse."""
     hand = [
-        "operator.hand.mass_N_s2_per_m=0.5", "operator.hand.stiffness_N_per_m=800",
-        "operator.hand.damping_N_s_per_m=5", "operator.hand.tremor_N=0",
-        "operator.hand.intention.frequency_hz=0.5", "duration_s=2.5",
+        "operator.hand.mass_N_s2_per_m=1.5", "operator.hand.stiffness_N_per_m=300",
+        "operator.hand.damping_N_s_per_m=2", "operator.hand.tremor_N=0",
+        "operator.hand.intention.frequency_hz=0.5", "operator.hand.intention.mean_m=0.008",
+        "operator.hand.intention.amplitude_m=0.001", "duration_s=2.5",
     ]  # fmt: skip
     trial = campaign_hands.load_trial_file(campaign_hands.TRIAL, hand)
-    wall = MovesAsItLikes(2e-3)
+    wall = MovesAsItLikes(1e-3)
     position, motor = ideal_motion(trial, wall)
     path = rendered_path(wall.path)
     rows = same_hand.whole(judge(position, motor, T))
