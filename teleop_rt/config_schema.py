@@ -54,7 +54,7 @@ def schema_of_trial(parts: Parts) -> Schema:
 
 def schema_of(*models: type[BaseModel]) -> Schema:
     """Return the JSON Schema of a model whose keys depend on no rig, or of any one of several."""
-    roots, defs = _Generator({}, LINEAR).roots_and_defs(models)
+    roots, defs = _SectionSchema({}, LINEAR).roots_and_defs(models)
     if len(roots) == 1:
         return {"$schema": DIALECT} | defs.pop(roots[0]) | {"$defs": defs}
     kinds = [{"$ref": f"{_DEFS}{root}"} for root in roots]
@@ -72,7 +72,7 @@ def _described(model: type[BaseModel]) -> Schema:
 
 def _in_both_units(model: type[Section], parts: Parts, rotary: Schema) -> Schema:
     """Return the schema of a file that follows its rotary form where `rotary` holds of it."""
-    forms = {units.position: _Generator(parts, units) for units in (LINEAR, ROTARY)}
+    forms = {units.position: _SectionSchema(parts, units) for units in (LINEAR, ROTARY)}
     made = {suffix: form.roots_and_defs([model]) for suffix, form in forms.items()}
     defs = _merged({suffix: defs for suffix, (_, defs) in made.items()})
     linear, turning = ({"$ref": f"{_DEFS}{root}_{suffix}"} for suffix, ([root], _) in made.items())
@@ -126,7 +126,7 @@ def _core(model: type[BaseModel]) -> CoreSchema:
     return model.__pydantic_core_schema__
 
 
-class _Generator(GenerateJsonSchema):
+class _SectionSchema(GenerateJsonSchema):
     """Writes sections as a file has them: keys with units, drivers merged, files in their place."""
 
     def __init__(self, parts: Parts, units: Units) -> None:

@@ -21,7 +21,7 @@ class Keys(TypedDict):
     )
 
 
-class _Generator(GenerateJsonSchema):
+class _KeysSchema(GenerateJsonSchema):
     """Writes keys without titles, which would repeat them, and those of a base with its texts."""
 
     def typed_dict_schema(self, schema: core_schema.TypedDictSchema) -> dict[str, Any]:
@@ -39,4 +39,4 @@ class _Generator(GenerateJsonSchema):
 
 def schema_of_json(form: Any) -> dict[str, Any]:
     """Return the JSON Schema of a form: `Keys`, or a union of several."""
-    return {"$schema": DIALECT} | TypeAdapter[Any](form).json_schema(schema_generator=_Generator)
+    return {"$schema": DIALECT} | TypeAdapter[Any](form).json_schema(schema_generator=_KeysSchema)

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from teleop_rt.link.keys import KEY_BYTES, KeyFileError, Keys, load_own_key, shared_key
+from teleop_rt.link.keys import KEY_BYTES, KeyFileError, PeerKeys, load_own_key, shared_key
 from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import LinkError, UdpTransport
 from teleop_rt.trial.sides import make_endpoint
@@ -48,7 +48,9 @@ def examine_link(
         return [_judged(master, f"{link.host}:{link.slave_port}")]
 
 
-def _both_ends(trial: TrialConfig, keys: Keys, wait: Callable[[], None], seconds: float) -> Finding:
+def _both_ends(
+    trial: TrialConfig, keys: PeerKeys, wait: Callable[[], None], seconds: float
+) -> Finding:
     here = "127.0.0.1"
     at_slave = UdpTransport(here, 0)
     with (
@@ -61,7 +63,7 @@ def _both_ends(trial: TrialConfig, keys: Keys, wait: Callable[[], None], seconds
         return _judged(master, "this machine, through what the trial puts between")
 
 
-def _end(role: str, trial: TrialConfig, transport: UdpTransport, keys: Keys) -> Endpoint:
+def _end(role: str, trial: TrialConfig, transport: UdpTransport, keys: PeerKeys) -> Endpoint:
     return make_endpoint(
         "slave" if role == "slave" else "master",
         trial,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.simulated.rig import Network
-    from teleop_rt_drivers.transport import Transport
+    from teleop_rt_drivers.transport import TransportTimes
 
     DeviceConfig = CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig
 
@@ -62,7 +62,7 @@ def device_axis(rig: RigConfig) -> DeviceConfig:
     return rig.axis
 
 
-def device_transport(rig: RigConfig) -> Transport:
+def device_transport(rig: RigConfig) -> TransportTimes:
     """Return how long samples and forces of an operator's device are on the way."""
     axis = device_axis(rig)
     if isinstance(axis, CanopenDeviceConfig):

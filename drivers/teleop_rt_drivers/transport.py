@@ -24,7 +24,7 @@ AT_NEXT_SYNC = 240
 
 
 @dataclass(frozen=True, slots=True)
-class Transport:
+class TransportTimes:
     """Time from latching a sample to its answer, and from the answer to the drive, at worst.
 
     On a simulated clock frames take no time: `hidden_age_s` and `hidden_delay_s` are the shares
@@ -37,7 +37,7 @@ class Transport:
     hidden_delay_s: float = 0.0
 
 
-def timing_of(transport: Transport, rig: RigConfig) -> Timing:
+def timing_of(transport: TransportTimes, rig: RigConfig) -> Timing:
     """Return the timing of an operator's device: the way of its frames, and its own latency."""
     body = rig.device
     if body is None:
@@ -48,7 +48,7 @@ def timing_of(transport: Transport, rig: RigConfig) -> Timing:
     )
 
 
-def canopen_transport(axis: CanopenDeviceConfig, rig: RigConfig) -> Transport:
+def canopen_transport(axis: CanopenDeviceConfig, rig: RigConfig) -> TransportTimes:
     """Return the transport of a CANopen device. Raises AxisError for a bad mapping.
 
     A sample is latched by SYNC; it is answered in the next cycle, or in the same one within
@@ -59,9 +59,9 @@ def canopen_transport(axis: CanopenDeviceConfig, rig: RigConfig) -> Transport:
     same_tick = axis.answer_within_ms is not None
     age_s = 1e-3 * axis.answer_within_ms if axis.answer_within_ms is not None else period_s
     if axis.drive.rpdo.transmission_type <= AT_NEXT_SYNC:
-        return Transport(age_s, period_s - age_s if same_tick else period_s)
+        return TransportTimes(age_s, period_s - age_s if same_tick else period_s)
     wire_s = command_bits(axis) / bit_rate
-    return Transport(age_s, wire_s, hidden_delay_s=wire_s + (age_s if same_tick else 0.0))
+    return TransportTimes(age_s, wire_s, hidden_delay_s=wire_s + (age_s if same_tick else 0.0))
 
 
 def answer_bits(axis: CanopenDeviceConfig) -> int:
@@ -79,7 +79,7 @@ def command_bits(axis: CanopenDeviceConfig) -> int:
     return frame_bits(PdoCodec(axis.drive.rpdo, dictionary, "drive", receive=True).struct.size)
 
 
-def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> Transport:
+def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> TransportTimes:
     """Return the transport of a serial device that sends once a period, on a grid of its own.
 
     Just before a new frame is complete the one before it is a period and a frame old.
@@ -100,10 +100,10 @@ def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> Transport:
         )
     size = len(BinaryPacker(command).pack([0.0] * len(command.fields)))
     delay_s = BITS_PER_SERIAL_BYTE * size / drive.baud
-    return Transport(age_s, delay_s, hidden_age_s=age_s, hidden_delay_s=delay_s)
+    return TransportTimes(age_s, delay_s, hidden_age_s=age_s, hidden_delay_s=delay_s)
 
 
-def actuator_transport(axis: ActuatorDeviceConfig, rig: RigConfig) -> Transport:
+def actuator_transport(axis: ActuatorDeviceConfig, rig: RigConfig) -> TransportTimes:
     """Return the transport of a drive with a protocol of its maker, its frames one after another.
 
     A drive that answers commands reports, a cycle later, its position at the last command; a drive
@@ -113,5 +113,7 @@ def actuator_transport(axis: ActuatorDeviceConfig, rig: RigConfig) -> Transport:
     wire_s = actuator_load(axis.drive, rig, bit_rate).per_cycle / bit_rate
     age_s = rig.period_ns * 1e-9
     if axis.drive.codec(rig).asks:
-        return Transport(age_s, wire_s, hidden_delay_s=wire_s)
-    return Transport(age_s + wire_s, wire_s, hidden_age_s=age_s + wire_s, hidden_delay_s=wire_s)
+        return TransportTimes(age_s, wire_s, hidden_delay_s=wire_s)
+    return TransportTimes(
+        age_s + wire_s, wire_s, hidden_age_s=age_s + wire_s, hidden_delay_s=wire_s
+    )

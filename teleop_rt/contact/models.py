@@ -30,7 +30,7 @@ ModelName = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class DeclaredParameter:
     """A parameter of a model; the unit is written with {x} and {f} for the rig's units."""
 
     name: str
@@ -46,12 +46,12 @@ class ContactModel:
     effects: tuple[Effect, ...]
     order: int
     in_contact_only: bool = True
-    extra: tuple[Parameter, ...] = ()
+    extra: tuple[DeclaredParameter, ...] = ()
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[DeclaredParameter, ...]:
         """The parameters in the order of the regression vector, in rig units."""
-        named = tuple(Parameter(e.amplitude.name, e.amplitude.unit) for e in self.effects)
+        named = tuple(DeclaredParameter(e.amplitude.name, e.amplitude.unit) for e in self.effects)
         return named + self.extra
 
     @property
@@ -80,7 +80,7 @@ MODELS: dict[str, ContactModel] = {
             "2.4",
             (POWER_STIFFNESS, POWER_DAMPING),
             order=1,
-            extra=(Parameter("n", "1"),),
+            extra=(DeclaredParameter("n", "1"),),
         ),
     )
 }

@@ -25,7 +25,7 @@ _SERIES = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Differentiator:
+class DesignedFilter:
     """A discretised filter with what it costs.
 
     transition (3, 3), gain_before (3,), gain_now (3,) advance (value, rate, curvature) of a linear
@@ -45,7 +45,7 @@ class Differentiator:
     settle_ticks: int
 
 
-def design(kind: str, cutoff_hz: float, period_s: float) -> Differentiator:
+def design(kind: str, cutoff_hz: float, period_s: float) -> DesignedFilter:
     """Design the differentiator `kind`: svf, kalman or foaw.
 
     Raises ValueError for another kind, or a cutoff that is not below a third of the rate.
@@ -58,7 +58,7 @@ def design(kind: str, cutoff_hz: float, period_s: float) -> Differentiator:
     return designs[kind](cutoff_hz, period_s)
 
 
-def state_variable_filter(cutoff_hz: float, period_s: float) -> Differentiator:
+def state_variable_filter(cutoff_hz: float, period_s: float) -> DesignedFilter:
     """Design a Butterworth filter of order 3 whose states are the value and two derivatives.
 
     The input counts as linear between samples, so rate and curvature are exact derivatives of the
@@ -90,7 +90,7 @@ def _exponential(matrix: Matrix) -> Matrix:
     return total
 
 
-def kalman_filter(cutoff_hz: float, period_s: float) -> Differentiator:
+def kalman_filter(cutoff_hz: float, period_s: float) -> DesignedFilter:
     """Design the stationary Kalman filter of a signal driven by white jerk.
 
     The ratio of jerk to measurement noise is the one whose poles lie at the cutoff. Its value has
@@ -109,7 +109,7 @@ def kalman_filter(cutoff_hz: float, period_s: float) -> Differentiator:
     return _linear(transition, np.zeros(3), gain, cutoff_hz, period_s)
 
 
-def adaptive_windowing(cutoff_hz: float, period_s: float) -> Differentiator:
+def adaptive_windowing(cutoff_hz: float, period_s: float) -> DesignedFilter:
     """Design FOAW (Janabi-Sharifi, Hayward, Chen 2000): the longest window that fits a line.
 
     Value, rate and curvature are those of the signal averaged twice over the window, whose length
@@ -117,7 +117,7 @@ def adaptive_windowing(cutoff_hz: float, period_s: float) -> Differentiator:
     """
     window = min(max(round(0.32 / (cutoff_hz * period_s)), 1), LONGEST_WINDOW)
     span = window * period_s
-    return Differentiator(
+    return DesignedFilter(
         transition=np.zeros((3, 3)),
         gain_before=np.zeros(3),
         gain_now=np.zeros(3),
@@ -131,7 +131,7 @@ def adaptive_windowing(cutoff_hz: float, period_s: float) -> Differentiator:
 
 def _linear(
     transition: Matrix, before: Vector, now: Vector, cutoff_hz: float, period_s: float
-) -> Differentiator:
+) -> DesignedFilter:
     """Return a linear filter with its lag and noise gains, measured on its impulse response."""
     state = now.copy()
     drive = before
@@ -143,7 +143,7 @@ def _linear(
         state = transition @ state + drive
         drive = np.zeros(3)
         step += 1
-    return Differentiator(
+    return DesignedFilter(
         transition=np.ascontiguousarray(transition),
         gain_before=np.ascontiguousarray(before),
         gain_now=np.ascontiguousarray(now),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.models import Parameter
+from teleop_rt.contact.models import DeclaredParameter
 from teleop_rt.estimation.estimates import Places
 from teleop_rt.estimation.physical import NONE
 from teleop_rt.estimation.rows import RowSpec
@@ -50,7 +50,7 @@ def _hunt_crossley(theta: Matrix, length: float, time: float) -> Matrix:
     return np.column_stack([k, np.where(known, ratio, np.nan) * k, theta[:, 2]])
 
 
-def traced(row: RowSpec) -> tuple[Parameter, ...]:
+def traced(row: RowSpec) -> tuple[DeclaredParameter, ...]:
     """Return the parameters that a row's own theta holds, a free offset apart."""
     return row.parameters if row.linear else row.declared.parameters
 

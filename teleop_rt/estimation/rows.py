@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.contact.models import MODELS, ContactModel, Parameter
+from teleop_rt.contact.models import MODELS, ContactModel, DeclaredParameter
 from teleop_rt.estimation.layout import WHOLE, Whole
 from teleop_rt.ids import REGRESSIONS, SOLVERS
 
@@ -23,7 +23,7 @@ MODEL_CODES = {
     "hunt-crossley": HUNT_CROSSLEY,
 }
 FROZEN_LABEL = "-with-frozen-effects"
-OFFSET = Parameter("offset", "{f}")
+OFFSET = DeclaredParameter("offset", "{f}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +50,10 @@ class RowSpec:
         return MODELS[self.model]
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[DeclaredParameter, ...]:
         """Names and units of the parameters, the model's own first, then the effects'."""
         effects = () if self.frozen else self.effects
-        added = tuple(Parameter(e.name, e.amplitude.unit) for e in effects)
+        added = tuple(DeclaredParameter(e.name, e.amplitude.unit) for e in effects)
         return self.declared.parameters + added
 
     @property

@@ -17,7 +17,7 @@ from teleop_rt.estimation import layout
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank import Bank, SolverSettings
-from teleop_rt.estimation.filters import Differentiator, design
+from teleop_rt.estimation.filters import DesignedFilter, design
 from teleop_rt.estimation.pairing import EvenPairing, Pairing
 from teleop_rt.estimation.rows import MODEL_CODES, RowSpec
 from teleop_rt.estimation.surface_motion import SurfaceMotion
@@ -105,7 +105,7 @@ class PipelineSettings:
             self.length,
         )
 
-    def design(self) -> Differentiator:
+    def design(self) -> DesignedFilter:
         """Return the differentiator with its lag and noise gains."""
         return design(self.differentiator, self.cutoff_hz, self.period_s)
 

@@ -22,7 +22,7 @@ from teleop_rt.link.codec import (
     pack_header,
 )
 from teleop_rt.link.handshake import Answerer, Budget, Caller
-from teleop_rt.link.keys import Keys
+from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.mailbox import Mailbox
 from teleop_rt.link.messages import (
     Kind,
@@ -81,7 +81,7 @@ class Endpoint(Mailbox):
         self,
         role: Role,
         transport: Transport,
-        keys: Keys,
+        keys: PeerKeys,
         now_ns: Callable[[], int],
         *,
         rate_hz: int,

@@ -8,8 +8,8 @@ As in WireGuard (Donenfeld 2017, section 5.4.7): mac1 is made with the pre-share
 without it costs a hash and is never answered. Under load a Hello is answered by a cookie, made
 from its sender's address; only who receives it there can send the mac2 that gets more work done.
 The master sends one and the same Hello until it is answered. The slave keeps what it granted as a
-candidate and moves to it on the first data packet under its keys, which proves that the master
-lives: a Hello played again costs an answer and never a session.
+pending handshake and moves to it on the first data packet under its keys, which proves that the
+master lives: a Hello played again costs an answer and never a session.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from teleop_rt.link.codec import HEADER_BYTES, encode_header
-from teleop_rt.link.keys import Keys, PeerKey
+from teleop_rt.link.keys import PeerKey, PeerKeys
 from teleop_rt.link.messages import Header, Kind, MessageError
 from teleop_rt.link.noise import DH_BYTES, TAG_BYTES, Initiator, NoiseError, Responder
 from teleop_rt.link.session import Session
@@ -39,10 +39,10 @@ RETRIES_PER_HOST = 250
 """Cookies a second to all ports of one host, which cost it nothing: the others keep half."""
 HASHES_PER_POLL = 256
 """Spent on whoever asks, 0.8 us each: with many keys a flood must not take the time of a tick."""
-CANDIDATES = 4
+PENDING_WITHOUT_COOKIE = 4
 """Handshakes granted and not yet confirmed, without a cookie; a peer has one under way."""
-MOST_CANDIDATES = 16
-CANDIDATE_NS = 30_000_000_000
+MOST_PENDING = 16
+PENDING_NS = 30_000_000_000
 """A granted handshake waits so long for its first packet: three round trips of the slowest link."""
 COOKIE_NS = 60_000_000_000
 """A cookie's secret is renewed after this time; the previous one remains valid."""
@@ -128,7 +128,7 @@ class Caller:
 
 
 @dataclass(slots=True)
-class Candidate:
+class PendingHandshake:
     """A handshake granted and not yet confirmed."""
 
     session: Session
@@ -167,13 +167,15 @@ class Budget:
 class Answerer:
     """The slave's side: answers those who hold a key, at a bounded cost."""
 
-    def __init__(self, keys: Keys, rate_hz: int, rates_hz: tuple[int, int], now_ns: int) -> None:
+    def __init__(
+        self, keys: PeerKeys, rate_hz: int, rates_hz: tuple[int, int], now_ns: int
+    ) -> None:
         self._peers = [
             _Peer(key, _derived(key.secret, b"mac"), _derived(key.secret, b"cookie"))
             for key in keys
         ]
         self._rate_hz, self._rates_hz = rate_hz, rates_hz
-        self.candidates: dict[bytes, Candidate] = {}
+        self.pending: dict[bytes, PendingHandshake] = {}
         self._strangers = Budget(HANDSHAKES_PER_S, now_ns)
         self._retries = Budget(RETRIES_PER_S, now_ns)
         self.retried: dict[object, Budget] = {}
@@ -188,16 +190,16 @@ class Answerer:
         self._worked = False
         self._hashes_left = HASHES_PER_POLL
 
-    def candidate(self, session_id: int) -> Candidate | None:
+    def pending_of(self, session_id: int) -> PendingHandshake | None:
         """Return the handshake of this session that was granted and not yet confirmed."""
-        for candidate in self.candidates.values():
-            if candidate.session.session_id == session_id:
-                return candidate
+        for granted in self.pending.values():
+            if granted.session.session_id == session_id:
+                return granted
         return None
 
     def confirmed(self) -> None:
         """Forget what else was granted: one session alone stands."""
-        self.candidates.clear()
+        self.pending.clear()
 
     def answer(
         self, header: Header, packet: bytes, sender: Address | None, chain: Session | None,
@@ -217,12 +219,12 @@ class Answerer:
         if not self._welcome_now(packet, address, ephemeral, now_ns):
             host = None if sender is None else sender[0]
             return self._retry(peer, address, host, ephemeral, now_ns)
-        candidate = self.candidates.get(ephemeral)
-        if candidate is None:
-            candidate = self._grant(peer, packet, sender, chain, now_ns, led=led)
-            self.candidates[ephemeral] = candidate
+        granted = self.pending.get(ephemeral)
+        if granted is None:
+            granted = self._grant(peer, packet, sender, chain, now_ns, led=led)
+            self.pending[ephemeral] = granted
         welcome = encode_header(Header(Kind.WELCOME, 0, 0, now_ns, header.stamp_ns))
-        welcome += candidate.message
+        welcome += granted.message
         return welcome + _mac(peer.mac_key, welcome)
 
     def _peer_of(self, packet: bytes) -> _Peer:
@@ -245,8 +247,10 @@ class Answerer:
             if not _take_of(self._shown, address, now_ns):
                 raise MessageError("handshake rate")
             return True
-        known = ephemeral in self.candidates
-        return self._strangers.take(now_ns) and (known or len(self.candidates) < CANDIDATES)
+        known = ephemeral in self.pending
+        return self._strangers.take(now_ns) and (
+            known or len(self.pending) < PENDING_WITHOUT_COOKIE
+        )
 
     def _retry(
         self, peer: _Peer, address: bytes, host: str | None, ephemeral: bytes, now_ns: int
@@ -266,7 +270,7 @@ class Answerer:
     def _grant(
         self, peer: _Peer, packet: bytes, sender: Address | None, chain: Session | None,
         now_ns: int, *, led: bool,
-    ) -> Candidate:  # fmt: skip
+    ) -> PendingHandshake:  # fmt: skip
         """Work a handshake: at most one in a poll, for it takes half a millisecond."""
         if self._worked:
             raise MessageError("handshake rate")
@@ -286,19 +290,19 @@ class Answerer:
             message, keys = responder.answer(_PAYLOAD.pack(self._rate_hz, continues))
         except NoiseError:
             raise MessageError("authentication") from None
-        if len(self.candidates) >= MOST_CANDIDATES:
-            del self.candidates[next(iter(self.candidates))]
+        if len(self.pending) >= MOST_PENDING:
+            del self.pending[next(iter(self.pending))]
         session = Session.of(keys, peer.key.name, now_ns, rate_hz, continues)
-        return Candidate(session, message, peer, now_ns, sender)
+        return PendingHandshake(session, message, peer, now_ns, sender)
 
     def _expire(self, now_ns: int) -> None:
         late = [
             ephemeral
-            for ephemeral, candidate in self.candidates.items()
-            if now_ns - candidate.granted_ns > CANDIDATE_NS
+            for ephemeral, granted in self.pending.items()
+            if now_ns - granted.granted_ns > PENDING_NS
         ]
         for ephemeral in late:
-            del self.candidates[ephemeral]
+            del self.pending[ephemeral]
         if now_ns - self._secrets_ns > COOKIE_NS:
             self._secrets = [os.urandom(32), self._secrets[0]]
             self._secrets_ns = now_ns

@@ -42,10 +42,10 @@ class PeerKey(NamedTuple):
     secret: bytes
 
 
-Keys = tuple[PeerKey, ...]
+PeerKeys = tuple[PeerKey, ...]
 
 
-def shared_key(secret: bytes) -> Keys:
+def shared_key(secret: bytes) -> PeerKeys:
     """Return the keys of a side that knows this shared key alone."""
     return (PeerKey(SHARED, secret),)
 
@@ -80,7 +80,7 @@ def default_key() -> Path:
     return Path(folder) / "link.key"
 
 
-def load_keys(path: Path) -> Keys:
+def load_keys(path: Path) -> PeerKeys:
     """Read the keys of a file, in its order. Raises KeyFileError."""
     text = _private(path)
     try:
@@ -95,7 +95,7 @@ def load_keys(path: Path) -> Keys:
     return _distinct(keys, path)
 
 
-def load_own_key(path: Path) -> Keys:
+def load_own_key(path: Path) -> PeerKeys:
     """Read the one key of an operator's side. Raises KeyFileError where there are several."""
     keys = load_keys(path)
     if len(keys) != 1:
@@ -123,7 +123,7 @@ def _peer_key(words: list[str], where: str) -> PeerKey:
     return PeerKey(name, secret)
 
 
-def _distinct(keys: Keys, path: Path) -> Keys:
+def _distinct(keys: PeerKeys, path: Path) -> PeerKeys:
     if not 0 < len(keys) <= MOST_KEYS:
         raise KeyFileError(f"{path}: holds {len(keys)} keys; 1 to {MOST_KEYS} are expected")
     for what, values in (("name", [key.name for key in keys]), ("key", [k.secret for k in keys])):

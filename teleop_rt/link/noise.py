@@ -113,7 +113,7 @@ class Initiator:
         public = _mix_ephemeral(self._state, self._ephemeral.public_key().public_bytes_raw())
         self.message = public + self._state.encrypt_and_hash(payload)
 
-    def read(self, message: bytes) -> tuple[bytes, Keys]:
+    def read(self, message: bytes) -> tuple[bytes, SessionKeys]:
         """Return payload and keys of the second message; a handshake gives keys once.
 
         Raises NoiseError where the message does not verify: then another may still do.
@@ -124,10 +124,10 @@ class Initiator:
         payload = _answered(state, self._ephemeral, message)
         self._ephemeral = None
         sending, receiving = state.split()
-        return payload, Keys(sending, receiving, state.h)
+        return payload, SessionKeys(sending, receiving, state.h)
 
 
-class Keys:
+class SessionKeys:
     """Result of a handshake: a cipher for each direction, and the hash that names the session."""
 
     __slots__ = ("handshake_hash", "receiving", "sending")
@@ -151,14 +151,14 @@ class Responder:
 
     def answer(
         self, payload: bytes, ephemeral: X25519PrivateKey | None = None
-    ) -> tuple[bytes, Keys]:
+    ) -> tuple[bytes, SessionKeys]:
         """Return the second message and the keys. Raises NoiseError for a peer's useless key."""
         own = ephemeral or X25519PrivateKey.generate()
         public = _mix_ephemeral(self._state, own.public_key().public_bytes_raw())
         self._state.mix_key(_dh(own, self._remote))
         message = public + self._state.encrypt_and_hash(payload)
         receiving, sending = self._state.split()
-        return message, Keys(sending, receiving, self._state.h)
+        return message, SessionKeys(sending, receiving, self._state.h)
 
 
 def _answered(state: _SymmetricState, ephemeral: X25519PrivateKey, message: bytes) -> bytes:

@@ -102,7 +102,7 @@ class Session:
 
     @classmethod
     def of(
-        cls, keys: noise.Keys, peer: str, now_ns: int, rate_hz: int, continues: int = 0
+        cls, keys: noise.SessionKeys, peer: str, now_ns: int, rate_hz: int, continues: int = 0
     ) -> Session:
         """Return the session of a handshake; `continues` is the chain whose keys it renews."""
         session_id = int.from_bytes(keys.handshake_hash[:8], "little")

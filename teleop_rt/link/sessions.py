@@ -25,7 +25,7 @@ FORMER_NS = 30_000_000_000
 class Sessions:
     """The session that stands, None without one, and which others are still known.
 
-    `answerer` holds the candidates of callers that have not confirmed theirs. `accepted_ns` is when
+    `answerer` holds the handshakes granted and not yet confirmed. `accepted_ns` is when
     the last packet of any was accepted [ns], `lost_before` how many packets the sessions before
     `current` have lost. An end that is `called` notes a conversation that takes over another.
     Before `ages_ns` there is nothing for `age` to do.
@@ -62,14 +62,14 @@ class Sessions:
         return self.current is not None and not self.silent(now_ns)
 
     def find(self, session_id: int) -> Session:
-        """Return the session of this number, a candidate too. Raises MessageError for another."""
+        """Return the session of this number, a pending one too. Raises MessageError for another."""
         for session in (self.current, self._former, self._retired):
             if session is not None and session.session_id == session_id:
                 return session
-        candidate = self._answerer.candidate(session_id)
-        if candidate is None:
+        pending = self._answerer.pending_of(session_id)
+        if pending is None:
             raise MessageError("session")
-        return candidate.session
+        return pending.session
 
     def is_taken_over(self, session: Session) -> bool:
         """Return whether another master has taken this one's place."""

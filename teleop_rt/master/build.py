@@ -9,9 +9,8 @@ import numpy as np
 
 from teleop_rt.axis import Device, Timing
 from teleop_rt.config_master import MasterConfig
-from teleop_rt.config_operator import DeviceOperator as DeviceConfig
-from teleop_rt.config_operator import HandOperator, OperatorConfig, ProfileOperator
-from teleop_rt.master.device import DeviceOperator
+from teleop_rt.config_operator import DeviceOperator, HandOperator, OperatorConfig, ProfileOperator
+from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.held_key import HeldKey
@@ -19,7 +18,7 @@ from teleop_rt.master.operators import Operator, Profile
 from teleop_rt.master.passivity import Port
 from teleop_rt.master.recorded import OperatorError, Recorded
 
-OpenDevice = Callable[[DeviceConfig], Device]
+OpenDevice = Callable[[DeviceOperator], Device]
 CUTOFF_HZ = 30.0
 """Of a real device's velocity where none is given: a difference of two samples would cost so much
 passivity that little of a wall's damping could be rendered."""
@@ -28,7 +27,7 @@ passivity that little of a wall's damping could be rendered."""
 def make_port(
     config: MasterConfig,
     period_s: float,
-    device: DeviceConfig | None = None,
+    device: DeviceOperator | None = None,
     timing: Timing | None = None,
 ) -> Port:
     """Return how the operator's device senses and is driven.
@@ -74,14 +73,14 @@ def make_operator(
     `open_device` opens a real one, whose velocity is low-passed at `device_cutoff_hz`. Raises
     OperatorError, or AxisError for a device.
     """
-    if isinstance(config, DeviceConfig):
+    if isinstance(config, DeviceOperator):
         if open_device is None:
             raise OperatorError("operator.kind: no device can be opened here: choose another")
         rig = config.rig
         watch = HandleWatch(rig.limits, period_s, config.body.enabling, rig.axis.unsafe())
         chosen = config.body.enabling_key
         key = None if chosen is None else HeldKey(chosen.device, chosen.code)
-        operator = DeviceOperator(open_device(config), watch, period_s, device_cutoff_hz, key)
+        operator = HeldDevice(open_device(config), watch, period_s, device_cutoff_hz, key)
         operator.configure()
         return operator
     if isinstance(config, ProfileOperator):

@@ -10,7 +10,7 @@ from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.held_key import HeldKey
 
 
-class DeviceOperator:
+class HeldDevice:
     """An operator whose hand holds a device. The force felt is opposed to x, as the wall's is.
 
     Velocity is the difference of two samples behind a first-order low-pass of `cutoff_hz`, 0 for

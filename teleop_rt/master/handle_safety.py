@@ -48,7 +48,7 @@ _OVERSPEED, _END_OF_TRAVEL = faults.OVERSPEED.code, faults.END_OF_TRAVEL.code
 _POSITION_OFF = faults.POSITION_OFF.code
 
 
-class Watched:
+class WatchFields:
     """Fields of the watch's record: what the device is and has, then what has been seen."""
 
     period_s: float
@@ -69,7 +69,7 @@ class Watched:
     place: int
 
 
-WATCHED_TYPE = record_type(Watched)
+WATCHED_TYPE = record_type(WatchFields)
 StoredWatch = NDArray[np.record]
 
 
@@ -83,7 +83,7 @@ def extremes(window: Window) -> tuple[float, float]:
 
 
 @kernel
-def is_off(w: Watched, least: float, most: float, force: float) -> bool:
+def is_off(w: WatchFields, least: float, most: float, force: float) -> bool:
     """Return whether the motor's force has not been what was commanded for too long."""
     if w.has_force == 0:
         return False
@@ -94,7 +94,7 @@ def is_off(w: Watched, least: float, most: float, force: float) -> bool:
 
 
 @kernel
-def is_elsewhere(w: Watched, position: float, drive: float) -> bool:
+def is_elsewhere(w: WatchFields, position: float, drive: float) -> bool:
     """Return whether the drive has moved another way than the encoder since it has power."""
     if w.has_position == 0:
         return False
@@ -105,7 +105,7 @@ def is_elsewhere(w: Watched, position: float, drive: float) -> bool:
 
 
 @kernel
-def judge_motion(w: Watched, position: float, velocity: float) -> int:
+def judge_motion(w: WatchFields, position: float, velocity: float) -> int:
     """Return the fault of a device that is too fast or has left its travel."""
     if not abs(velocity) <= OVERSPEED * w.velocity_max:
         return _OVERSPEED
@@ -115,7 +115,7 @@ def judge_motion(w: Watched, position: float, velocity: float) -> int:
 
 @kernel
 def judge_enabled(
-    w: Watched,
+    w: WatchFields,
     window: Window,
     closed: bool,
     position: float,
@@ -188,7 +188,7 @@ class HandleWatch:
     ) -> None:
         self._limits, self._lacks, self._switch = limits, lacks, switch
         stored: StoredWatch = np.zeros(1, WATCHED_TYPE)
-        self._watched = w = cast("Watched", stored[0])
+        self._watched = w = cast("WatchFields", stored[0])
         w.period_s, w.force_max, w.velocity_max = period_s, limits.force_max, limits.velocity_max
         w.position_min, w.position_max = limits.position_min, limits.position_max
         w.apart_max = POSITION_SHARE * (limits.position_max - limits.position_min)

@@ -14,7 +14,7 @@ from teleop_rt.link.messages import Kind, StateMessage
 from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.build import make_port
 from teleop_rt.master.coupling import Coupling
-from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.energy import PassivityObserver
 from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
@@ -80,7 +80,7 @@ class Master:
         capacity_J, allowance_W = config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3
         self._dt_s = period_ns * 1e-9
         self._operator = operator
-        self._device = operator if isinstance(operator, DeviceOperator) else None
+        self._device = operator if isinstance(operator, HeldDevice) else None
         self.endpoint = endpoint
         self._now_ns = now_ns
         self._coupling = coupling

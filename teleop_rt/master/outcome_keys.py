@@ -52,7 +52,7 @@ class Passivity(Keys):
     """Work that a surface that moves by itself did on the hand [J]."""
 
 
-class Adoption(Keys):
+class AdoptionCost(Keys):
     """Cost of changes of the rendered model."""
 
     largest_force_step: float
@@ -115,7 +115,7 @@ class Rendering(Keys):
     """How often the coupling began, froze and ended."""
     passivity: Passivity
     """Limits of the passivity bound, and the energy observed."""
-    adoption: Adoption
+    adoption: AdoptionCost
     """Force steps and energy at changes of the rendered model."""
     handle: HandleActions
     """Events of the operator's device."""

@@ -26,7 +26,7 @@ _ENERGY_POINTS, _ENERGY_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 @dataclass(slots=True)
-class Memory:
+class EffectMemory:
     """One effect with its shape, as the hand's motion has led it: value now, and value at rest.
 
     `value` is per unit amplitude at the hand; `elastic` the part of it that a spring keeps.
@@ -113,14 +113,14 @@ class Memory:
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class RenderedEffect:
     """An effect beside a wall: how much of it.
 
     Of one that damps, a hand that is faster than `speed` feels what it would feel at that speed:
     so its slope is bounded, and slower motion is rendered as it is.
     """
 
-    memory: Memory
+    memory: EffectMemory
     amplitude: float
     speed: float = math.inf
 
@@ -139,7 +139,7 @@ class Term:
             by_speed = min(by_speed, self._up_to(depth, self.speed))
         return size * by_depth, size * by_speed
 
-    def calmed(self, depth: float, factor: float) -> Term:
+    def calmed(self, depth: float, factor: float) -> RenderedEffect:
         """Return the term with its largest |df/dv| up to a depth reduced by a factor below 1."""
         _, by_speed = self.slope(depth)
         allowed = factor * by_speed / abs(self.amplitude)
@@ -172,7 +172,7 @@ class RenderedEffects:
             code_of(effect): effect for effect in library if effect.belongs_to == "environment"
         }
         self._deepest, self._speed = deepest, speed
-        self._memories: dict[tuple[int, tuple[float, ...]], Memory] = {}
+        self._memories: dict[tuple[int, tuple[float, ...]], EffectMemory] = {}
         self._time_s = 0.0
         self._timed = False
         for effect in self._known.values():
@@ -184,7 +184,9 @@ class RenderedEffects:
         self._memories.clear()
         self._timed = False
 
-    def terms(self, streamed: Sequence[ModelEffect], time_s: float) -> tuple[Term, ...] | None:
+    def terms(
+        self, streamed: Sequence[ModelEffect], time_s: float
+    ) -> tuple[RenderedEffect, ...] | None:
         """Return the terms of a streamed model, None where an effect is not known here.
 
         `time_s` is the time that the slave's effects see; the first one counts.
@@ -193,7 +195,7 @@ class RenderedEffects:
             return None
         if streamed and not self._timed:
             self._time_s, self._timed = time_s, True
-        return tuple(Term(self._memory(one), one.amplitude) for one in streamed)
+        return tuple(RenderedEffect(self._memory(one), one.amplitude) for one in streamed)
 
     def advance(self, position: float, surface: float, velocity: float, dt_s: float) -> None:
         """Follow the hand by one tick, at a position against the newest wall's surface."""
@@ -201,12 +203,12 @@ class RenderedEffects:
         for memory in self._memories.values():
             memory.advance(position - surface, velocity, self._time_s, dt_s)
 
-    def _memory(self, one: ModelEffect) -> Memory:
+    def _memory(self, one: ModelEffect) -> EffectMemory:
         key = (one.code, one.shape)
         if key not in self._memories:
             effect = self._known[one.code]
             eta = np.array(one.shape[: max(1, len(effect.shapes))])
-            memory = Memory(effect, eta, np.zeros(max(1, effect.state_size)))
+            memory = EffectMemory(effect, eta, np.zeros(max(1, effect.state_size)))
             memory.tabulate(self._deepest, self._speed)
             self._memories = {key: memory} | {
                 k: m for k, m in self._memories.items() if k[0] != one.code

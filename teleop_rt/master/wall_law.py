@@ -15,7 +15,7 @@ _LARGEST_LOGARITHM = 700.0
 """Of a float, which has no larger power of e."""
 
 
-class Law(NamedTuple):
+class DepthLaw(NamedTuple):
     """The numbers of a `Wall` that its force at a depth is made of, and its `knee`."""
 
     k: float
@@ -43,7 +43,7 @@ def knee_of(k: float, n: float, stiffest: float) -> float:
 
 
 @shared
-def spring(law: Law, x: float) -> float:
+def spring(law: DepthLaw, x: float) -> float:
     """Return the force of the spring at a depth x >= 0."""
     bent = min(x, law.knee)
     force = spring_force(bent, law.k, law.n)
@@ -53,7 +53,7 @@ def spring(law: Law, x: float) -> float:
 
 
 @shared
-def elastic(law: Law, x: float) -> float:
+def elastic(law: DepthLaw, x: float) -> float:
     """Return the force of the spring, which outside is none, or that of a bilateral wall."""
     if law.bilateral:
         return law.offset + law.k * x
@@ -61,7 +61,7 @@ def elastic(law: Law, x: float) -> float:
 
 
 @shared
-def stretch_of(law: Law, force: float) -> float:
+def stretch_of(law: DepthLaw, force: float) -> float:
     """Return the depth at which the spring gives a force > 0."""
     at_knee = math.inf if math.isinf(law.knee) else spring_force(law.knee, law.k, law.n)
     if force > at_knee:
@@ -70,7 +70,7 @@ def stretch_of(law: Law, force: float) -> float:
 
 
 @shared
-def damped(law: Law, x: float, velocity: float) -> float:
+def damped(law: DepthLaw, x: float, velocity: float) -> float:
     """Return the force of spring and damper at a depth x where the wall acts."""
     b = 0.0 if law.approach_only and velocity < 0.0 else law.b
     b = damping_at(min(x, law.damped_depth), b, law.damping_power)
@@ -78,7 +78,7 @@ def damped(law: Law, x: float, velocity: float) -> float:
 
 
 @shared
-def energy_at(law: Law, x: float) -> float:
+def energy_at(law: DepthLaw, x: float) -> float:
     """Return the energy of the spring at a depth x >= 0."""
     bent = min(x, law.knee)
     energy: float = law.k * bent ** (law.n + 1.0) / (law.n + 1.0)
@@ -91,7 +91,7 @@ def energy_at(law: Law, x: float) -> float:
 
 
 @shared
-def stored(law: Law, x: float, force_max: float) -> float:
+def stored(law: DepthLaw, x: float, force_max: float) -> float:
     """Return the energy of the spring [J]; one that would push beyond `force_max` stores less."""
     force = abs(elastic(law, x))
     if law.k <= 0.0 or force == 0.0:
@@ -128,7 +128,7 @@ def felt(
     force_max: float,
 ) -> tuple[float, float, float]:
     """Return force, spring's force and energy of a law, field by field, at a depth x."""
-    law = Law(
+    law = DepthLaw(
         k, b, n, damping_power, approach_only, bilateral, offset, stiffest,
         damped_depth, surface_velocity, calming, knee,
     )  # fmt: skip

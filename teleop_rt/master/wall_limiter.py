@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from teleop_rt.contact.law import depth_of, spring_slope
 from teleop_rt.master.passivity import PassivityBound, Port
-from teleop_rt.master.rendered_effects import Term
+from teleop_rt.master.rendered_effects import RenderedEffect
 from teleop_rt.master.walls import Wall
 
 _REDUCTIONS, _ALMOST = 60, 0.999
@@ -193,7 +193,9 @@ def _shared_out(allowed: float, own: float, total: float) -> tuple[float, float]
     return allowed / own, 0.0
 
 
-def _eased(term: Term, depth: float, of_springs: float, of_dampers: float) -> Term:
+def _eased(
+    term: RenderedEffect, depth: float, of_springs: float, of_dampers: float
+) -> RenderedEffect:
     """Return an effect's share of the reduction: as a spring, a damper, or both.
 
     A damper is left as it is for a slow hand.

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field, replace
 
 from teleop_rt.link.messages import ModelMessage
-from teleop_rt.master.rendered_effects import Term
-from teleop_rt.master.wall_law import Law, damped, elastic, knee_of, stored, stretch_of
+from teleop_rt.master.rendered_effects import RenderedEffect
+from teleop_rt.master.wall_law import DepthLaw, damped, elastic, knee_of, stored, stretch_of
 
 _HALVINGS = 40
 MOTION_REMEMBERED_S = 1.0
@@ -40,13 +40,13 @@ class Wall:
     offset: float = 0.0
     stiffest: float = math.inf
     damped_depth: float = math.inf
-    terms: tuple[Term, ...] = ()
+    terms: tuple[RenderedEffect, ...] = ()
     surface_velocity: float = 0.0
     calming: float = 0.0
-    law: Law = field(init=False, repr=False, compare=False)
+    law: DepthLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        law = Law(
+        law = DepthLaw(
             self.k, self.b, self.n, self.damping_power, self.approach_only, self.bilateral,
             self.offset, self.stiffest, self.damped_depth, self.surface_velocity, self.calming,
             knee_of(self.k, self.n, self.stiffest),
@@ -144,7 +144,7 @@ class Wall:
 NO_WALL = Wall(surface=math.inf)
 
 
-def wall_of(model: ModelMessage, terms: tuple[Term, ...] = ()) -> Wall | None:
+def wall_of(model: ModelMessage, terms: tuple[RenderedEffect, ...] = ()) -> Wall | None:
     """Return the wall of a streamed model with the effects beside it; None where it has nothing.
 
     Mass is never rendered: it would take an acceleration that the device does not measure.

@@ -193,7 +193,7 @@ def place(field: str) -> int:
     return _OFFSETS[field] // _WORD
 
 
-class Run:
+class FieldSpan:
     """Neighbouring fields of the record, from `first` to `last`, that one call writes."""
 
     def __init__(self, first: str, last: str) -> None:
@@ -225,4 +225,4 @@ class TickRecord:
         self.floats, self.counts = words.cast("d"), words.cast("q")
 
 
-CAME_IN = Run("tick", "silence_ns")
+CAME_IN = FieldSpan("tick", "silence_ns")

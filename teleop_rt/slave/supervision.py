@@ -14,7 +14,7 @@ from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
 from teleop_rt.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import FAULTS, Fault
-from teleop_rt.slave.record import Run, Tick, TickRecord
+from teleop_rt.slave.record import FieldSpan, Tick, TickRecord
 
 VELOCITY_MS = 10
 """Over so long the measured velocity is taken: quantisation is then below a hundredth of it."""
@@ -29,7 +29,7 @@ SLOW_SHARE = 0.01
 _DRIVE_SILENT, _OVERSPEED = faults.DRIVE_SILENT.code, faults.OVERSPEED.code
 _FOLLOWING_ERROR, _REPEATED = faults.FOLLOWING_ERROR.code, faults.POSITION_REPEATED.code
 _POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORCE_MISMATCH.code
-DRIVE = Run("has_drive_position", "drive_force")
+DRIVE = FieldSpan("has_drive_position", "drive_force")
 
 
 @kernel

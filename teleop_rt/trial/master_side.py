@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import DeviceOperator as DeviceConfig
+from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.contact.effects.user import library
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.master.build import OpenDevice, cutoff_of, make_operator, make_port
 from teleop_rt.master.coupling import make_coupling
-from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
@@ -37,7 +37,7 @@ def operator_of(
 
     `open_device` opens a real one. Raises OperatorError, or AxisError for a device.
     """
-    real = isinstance(trial.operator, DeviceConfig)
+    real = isinstance(trial.operator, DeviceOperator)
     return make_operator(
         trial.operator,
         folder=folder,
@@ -51,7 +51,7 @@ def operator_of(
 def port_of(trial: TrialConfig, operator: Operator) -> Port:
     """Return how the operator's device senses and is driven: a real one's driver says it."""
     period_s, config = 1.0 / trial.master.rate_hz, trial.operator
-    if isinstance(config, DeviceConfig) and isinstance(operator, DeviceOperator):
+    if isinstance(config, DeviceOperator) and isinstance(operator, HeldDevice):
         return make_port(trial.master, period_s, config, operator.timing)
     return make_port(trial.master, period_s)
 
@@ -70,7 +70,7 @@ class MasterSide:
         self.period_ns = round(1e9 / trial.master.rate_hz)
         self.endpoint = endpoint
         self.operator = operator
-        device = trial.operator if isinstance(trial.operator, DeviceConfig) else None
+        device = trial.operator if isinstance(trial.operator, DeviceOperator) else None
         rig = trial.rig if device is None else device.rig
         lateness.load_kernels()
         self.late = Lateness(rig.realtime.late, self.period_ns)
@@ -99,7 +99,7 @@ class MasterSide:
     def _judge(self, late_ns: int) -> Late:
         """Judge how late a tick began, while a device pushes back; one that must stop is let go."""
         operator = self.operator
-        device = operator if isinstance(operator, DeviceOperator) else None
+        device = operator if isinstance(operator, HeldDevice) else None
         felt = self.master.engagement.coupled if device is None else device.powered
         if not felt:
             return IN_TIME
@@ -121,7 +121,7 @@ class MasterSide:
 
     def let_go(self) -> None:
         """Stop and release the operator's device, if there is a real one."""
-        if isinstance(self.operator, DeviceOperator):
+        if isinstance(self.operator, HeldDevice):
             self.operator.close()
 
     def close(self) -> None:

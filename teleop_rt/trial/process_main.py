@@ -13,7 +13,7 @@ from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_realtime import RealtimeConfig
 from teleop_rt.config_rig import RigConfig
-from teleop_rt.link.keys import Keys
+from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.histogram import TimingHistograms
@@ -54,7 +54,7 @@ def slave_main(
     side: Side,
     configs: Configs,
     open_axis: OpenAxis,
-    keys: Keys,
+    keys: PeerKeys,
     should_stop: ShouldStop,
     *,
     arm: bool,
@@ -161,7 +161,7 @@ def _finished(slave: Slave, should_stop: ShouldStop, last_tick: int | None) -> S
 def master_main(
     side: Side,
     folder: Path,
-    keys: Keys,
+    keys: PeerKeys,
     should_stop: ShouldStop,
     open_device: OpenDevice | None = None,
 ) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from teleop_rt.axis import Axis
 from teleop_rt.config import TrialConfig
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
-from teleop_rt.link.keys import Keys
+from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.statistics import OVERTAKEN
 from teleop_rt.link.transport import Transport
 from teleop_rt.realtime.session import publish
@@ -31,7 +31,7 @@ def make_endpoint(
     role: Role,
     trial: TrialConfig,
     transport: Transport,
-    keys: Keys,
+    keys: PeerKeys,
     now_ns: Callable[[], int],
 ) -> Endpoint:
     """Return one end of the link, with the trial's impairment on what it sends."""

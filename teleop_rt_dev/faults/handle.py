@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt_dev.paths import TRIALS
 from teleop_rt_drivers.operator_device import simulated_device
@@ -29,7 +29,7 @@ class HandleBench:
         self.axis, self.network, self.plant = simulated_device(config, lambda: self.now, 1)
         rig = config.rig
         self.watch = HandleWatch(rig.limits, 1e-3, config.body.enabling, rig.axis.unsafe())
-        self.operator: Any = DeviceOperator(self.axis, self.watch, 1e-3, 30.0)
+        self.operator: Any = HeldDevice(self.axis, self.watch, 1e-3, 30.0)
         self.operator.configure()
 
     def update(self, force: float, count: int = 1) -> tuple[float, float]:

@@ -43,7 +43,7 @@ sum of two motions that have nothing to do with each other, which is irregular, 
 
 
 @dataclass(frozen=True)
-class Tick:
+class TickWalls:
     """The walls of a tick; the leash counts from `leads_from`."""
 
     old: Wall
@@ -57,7 +57,7 @@ class Rendered:
     """The walls of a run, tick by tick, without the damping that makes up for a latency."""
 
     def __init__(self) -> None:
-        self.ticks: list[Tick] = []
+        self.ticks: list[TickWalls] = []
         self._limiter: WallLimiter | None = None
         self._waits_at = 0.0
         self._calmed = NO_WALL, NO_WALL
@@ -79,7 +79,7 @@ class Rendered:
         if adoption.newest is not NO_WALL:
             leads_from = float("inf")
         old, new = self._calm(adoption.old), self._calm(adoption.new)
-        self.ticks.append(Tick(old, new, adoption.weight, offset, leads_from))
+        self.ticks.append(TickWalls(old, new, adoption.weight, offset, leads_from))
         self._limiter = master.limiter
 
     def _calm(self, wall: Wall) -> Wall:
@@ -144,7 +144,7 @@ class StaysAsItWas:
             0.0 if self._body is None else self._body.moved(t_s) - self._body.moved(self._stays_s)
         )
 
-    def _holds(self, tick: Tick, x: float) -> bool:
+    def _holds(self, tick: TickWalls, x: float) -> bool:
         place = x - tick.offset
         return tick.new.holds(place) or (tick.weight < 1.0 and tick.old.holds(place))
 

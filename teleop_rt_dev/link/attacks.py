@@ -8,7 +8,7 @@ import numpy as np
 
 from teleop_rt.link.codec import HEADER_BYTES, decode_header, encode, encode_header
 from teleop_rt.link.messages import MotionMessage
-from teleop_rt.link.noise import Initiator, Keys, Responder
+from teleop_rt.link.noise import Initiator, Responder, SessionKeys
 from teleop_rt.link.session import Session
 from teleop_rt_dev.link.pair import Pair
 
@@ -22,7 +22,7 @@ def flipped(packet: bytes, bit: int) -> bytes:
     return bytes(changed)
 
 
-def handshake(psk: bytes) -> Keys:
+def handshake(psk: bytes) -> SessionKeys:
     """The keys of a caller after a handshake under this pre-shared key."""
     initiator = Initiator(psk, b"", b"")
     message, _ = Responder(psk, b"", initiator.message).answer(b"")

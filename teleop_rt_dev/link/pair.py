@@ -8,7 +8,7 @@ import numpy as np
 
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
-from teleop_rt.link.keys import Keys, shared_key
+from teleop_rt.link.keys import PeerKeys, shared_key
 from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import Address, MemoryTransport
 
@@ -53,8 +53,8 @@ class Pair:
         back: Impairment = PERFECT,
         seed: int = 0,
         slave_key: bytes = KEY,
-        master_keys: Keys | None = None,
-        slave_keys: Keys | None = None,
+        master_keys: PeerKeys | None = None,
+        slave_keys: PeerKeys | None = None,
         slave_clock_ahead_ns: int = 0,
         master_rate_hz: int = 1000,
         slave_rates_hz: tuple[int, int] = (100, 4000),
@@ -77,7 +77,7 @@ class Pair:
         self.restart_slave()
         self.sent = 0
 
-    def restart_slave(self, keys: Keys | None = None) -> None:
+    def restart_slave(self, keys: PeerKeys | None = None) -> None:
         """Begin again as after a reload, which reads the list of keys again."""
         self.slave = Endpoint(
             "slave",

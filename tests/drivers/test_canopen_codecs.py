@@ -12,7 +12,7 @@ from teleop_rt.axis import AxisError
 from teleop_rt_drivers.can_frames import FRAME, WIDE
 from teleop_rt_drivers.canopen import cia402, eds, intake
 from teleop_rt_drivers.canopen.channel import Replies
-from teleop_rt_drivers.canopen.cia402 import DriveState, drive_state
+from teleop_rt_drivers.canopen.cia402 import Cia402State, drive_state
 from teleop_rt_drivers.canopen.counters import Counters
 from teleop_rt_drivers.canopen.drive import Drive, Intent
 from teleop_rt_drivers.canopen.entries import address
@@ -144,17 +144,17 @@ def test_scale_applies_sign_and_offset():
 @pytest.mark.parametrize(
     ("statusword", "state"),
     [
-        (0x0000, DriveState.NOT_READY),
-        (0x0020, DriveState.NOT_READY),
-        (0x0240, DriveState.SWITCH_ON_DISABLED),
-        (0x0260, DriveState.SWITCH_ON_DISABLED),
-        (0x0231, DriveState.READY_TO_SWITCH_ON),
-        (0x0233, DriveState.SWITCHED_ON),
-        (0x1237, DriveState.OPERATION_ENABLED),
-        (0x0217, DriveState.QUICK_STOP_ACTIVE),
-        (0x023F, DriveState.FAULT_REACTION),
-        (0x0208, DriveState.FAULT),
-        (0x0228, DriveState.FAULT),
+        (0x0000, Cia402State.NOT_READY),
+        (0x0020, Cia402State.NOT_READY),
+        (0x0240, Cia402State.SWITCH_ON_DISABLED),
+        (0x0260, Cia402State.SWITCH_ON_DISABLED),
+        (0x0231, Cia402State.READY_TO_SWITCH_ON),
+        (0x0233, Cia402State.SWITCHED_ON),
+        (0x1237, Cia402State.OPERATION_ENABLED),
+        (0x0217, Cia402State.QUICK_STOP_ACTIVE),
+        (0x023F, Cia402State.FAULT_REACTION),
+        (0x0208, Cia402State.FAULT),
+        (0x0228, Cia402State.FAULT),
     ],
 )
 def test_statusword_contains_the_state(statusword, state):

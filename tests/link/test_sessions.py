@@ -10,7 +10,7 @@ from teleop_rt.link.codec import HEADER_BYTES, decode_header
 from teleop_rt.link.handshake import (
     ADDRESSES,
     HANDSHAKES_PER_S,
-    MOST_CANDIDATES,
+    MOST_PENDING,
     RETRIES_PER_HOST,
     RETRIES_PER_S,
     Caller,
@@ -222,13 +222,13 @@ def test_cookies_are_bounded_however_many_addresses_ask() -> None:
 
 def test_handshakes_under_way_are_bounded_and_a_poll_works_one() -> None:
     pair = Pair()
-    for count in range(3 * MOST_CANDIDATES):
+    for count in range(3 * MOST_PENDING):
         pair.slave_tap.injected.extend(hello_of(SHARED[0], pair.now) for _ in range(5))
         sent = len(pair.slave_tap.sent)
         pair.slave.poll()
         assert kinds(pair.slave_tap.sent[sent:]).count(Kind.WELCOME) <= 1, count
         pair.now += 200 * MS
-    assert len(pair.slave._answerer.candidates) <= MOST_CANDIDATES
+    assert len(pair.slave._answerer.pending) <= MOST_PENDING
 
 
 def test_a_reflected_packet_of_any_kind_is_no_message() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from heard_wire import HeardWire
 
-from teleop_rt.link.handshake import HANDSHAKES_PER_S, MOST_CANDIDATES
+from teleop_rt.link.handshake import HANDSHAKES_PER_S, MOST_PENDING
 from teleop_rt.link.messages import MotionMessage
 from teleop_rt_dev.link.stranger import PORTS, Stranger
 
@@ -64,7 +64,7 @@ def test_a_stranger_gets_no_session_and_no_more_bytes_than_it_sends(heard) -> No
     assert len(stranger.answers) <= (1 + PORTS) * HANDSHAKES_PER_S * (1 + TICKS * 1e-3)
     for sent, back in zip(stranger.bytes_out, stranger.bytes_back, strict=True):
         assert back <= sent
-    assert len(heard.slave._answerer.candidates) <= MOST_CANDIDATES
+    assert len(heard.slave._answerer.pending) <= MOST_PENDING
 
 
 def test_a_master_that_calls_while_strangers_ask_still_gets_its_session(heard) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.calibration.device_motion import SwingRecord
     from teleop_rt_drivers.calibration.rig_file import KeyPath
-    from teleop_rt_drivers.transport import Transport
+    from teleop_rt_drivers.transport import TransportTimes
 
     Floats = NDArray[np.float64]
 
@@ -188,7 +188,7 @@ def _judged(
     )
 
 
-def device_keys(rig: RigConfig, transport: Transport, fit: DeviceFit) -> dict[KeyPath, float]:
+def device_keys(rig: RigConfig, transport: TransportTimes, fit: DeviceFit) -> dict[KeyPath, float]:
     """Return the keys of the rig's file by a fit. Raises CalibrationError.
 
     The damping is the least that the motion allows, for the passivity bound counts on it; of the

@@ -28,29 +28,29 @@ Ask = Callable[[str], object]
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class MeasuringClock:
     """The time of a measurement, and its pace by name and period [ns]."""
 
     now_ns: Callable[[], int]
     paced: Callable[[str, int], AbstractContextManager[Pace | SimulatedPace]]
 
 
-REAL = Clock(time.monotonic_ns, paced)
+REAL = MeasuringClock(time.monotonic_ns, paced)
 
 
-def simulated_clock(pace: SimulatedPace) -> Clock:
+def simulated_clock(pace: SimulatedPace) -> MeasuringClock:
     """Return the clock of simulated time."""
 
     @contextmanager
     def same(_name: str, _period_ns: int) -> Iterator[SimulatedPace]:
         yield pace
 
-    return Clock(pace.now_ns, same)
+    return MeasuringClock(pace.now_ns, same)
 
 
 def with_weights(
     file: Path, rig: RigConfig, trial: Path | None, ask: Ask
-) -> tuple[Axis, Clock, Callable[[float, float], object]]:
+) -> tuple[Axis, MeasuringClock, Callable[[float, float], object]]:
     """Return axis, clock and `hang(mass [kg], force)` of a rig, or of a trial's simulated one.
 
     A person hangs the weights on a rig, at the words of `ask`. Raises CalibrationError.
@@ -80,7 +80,7 @@ def with_weights(
 
 def free_device(
     file: Path, rig: RigConfig, trial: Path | None, ask: Ask, words: str
-) -> tuple[Device, Clock, Callable[[], object]]:
+) -> tuple[Device, MeasuringClock, Callable[[], object]]:
     """Return an operator's device, its clock and what is done before it swings.
 
     Of a trial the one that it simulates, which nobody holds. Raises CalibrationError.

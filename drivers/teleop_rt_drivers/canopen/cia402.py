@@ -27,7 +27,7 @@ ENABLE_OPERATION = 0x000F
 FAULT_RESET = 0x0080
 
 
-class DriveState(IntEnum):
+class Cia402State(IntEnum):
     """States of the drive, by their bits of the statusword."""
 
     NOT_READY = 0x00
@@ -40,22 +40,22 @@ class DriveState(IntEnum):
     FAULT = 0x08
 
 
-_BY_LOW_BITS = {state.value: state for state in DriveState}
+_BY_LOW_BITS = {state.value: state for state in Cia402State}
 _WITHOUT_QUICK_STOP_BIT = 0x4F
 _WITH_QUICK_STOP_BIT = 0x6F
 
 NEXT_TOWARDS_ENABLED = {
-    DriveState.SWITCH_ON_DISABLED: SHUTDOWN,
-    DriveState.READY_TO_SWITCH_ON: SWITCH_ON,
-    DriveState.SWITCHED_ON: ENABLE_OPERATION,
-    DriveState.OPERATION_ENABLED: ENABLE_OPERATION,
+    Cia402State.SWITCH_ON_DISABLED: SHUTDOWN,
+    Cia402State.READY_TO_SWITCH_ON: SWITCH_ON,
+    Cia402State.SWITCHED_ON: ENABLE_OPERATION,
+    Cia402State.OPERATION_ENABLED: ENABLE_OPERATION,
 }
 """Controlword that leads one state on; from the others there is no way but a human's."""
 
 
-def drive_state(statusword: int) -> DriveState:
+def drive_state(statusword: int) -> Cia402State:
     """Return the state in a statusword (CiA 402-2, table of bits 0 to 3, 5 and 6)."""
     by_four_bits = statusword & _WITHOUT_QUICK_STOP_BIT
     if by_four_bits in (0x00, 0x40, 0x08, 0x0F):
         return _BY_LOW_BITS[by_four_bits]
-    return _BY_LOW_BITS.get(statusword & _WITH_QUICK_STOP_BIT, DriveState.NOT_READY)
+    return _BY_LOW_BITS.get(statusword & _WITH_QUICK_STOP_BIT, Cia402State.NOT_READY)

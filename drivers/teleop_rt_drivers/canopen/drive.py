@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.canopen import cia402
 from teleop_rt_drivers.canopen.channel import Replies
-from teleop_rt_drivers.canopen.cia402 import DriveState
+from teleop_rt_drivers.canopen.cia402 import Cia402State
 from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, SourceRecord, kind_of, place
 
 if TYPE_CHECKING:
@@ -33,11 +33,11 @@ class Intent(Enum):
 
 
 _POWERING = (Intent.ARMING, Intent.RUNNING)
-_FAULTY = (DriveState.FAULT, DriveState.FAULT_REACTION)
-_MOVING = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
+_FAULTY = (Cia402State.FAULT, Cia402State.FAULT_REACTION)
+_MOVING = (Cia402State.OPERATION_ENABLED, Cia402State.QUICK_STOP_ACTIVE)
 # By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call.
 _ARMING, _RUNNING, _STOPPED = Intent.ARMING, Intent.RUNNING, Intent.STOPPED
-_ENABLED = DriveState.OPERATION_ENABLED
+_ENABLED = Cia402State.OPERATION_ENABLED
 
 
 class Torque:
@@ -73,7 +73,7 @@ class Drive:
         self.rpdo = rpdo
         self.record = SourceRecord()
         self.replies = Replies(self.record)
-        self.state = DriveState.NOT_READY
+        self.state = Cia402State.NOT_READY
         self.intent = self._settled = Intent.IDLE
         self.fell_out = False
         self._statusword = -1
@@ -159,7 +159,7 @@ class Drive:
         self.replies.reset()
         self.fell_out = False
         self.intent = Intent.IDLE
-        self.state = DriveState.NOT_READY
+        self.state = Cia402State.NOT_READY
         source = self.record.source
         self._statusword = source.statusword = -1
         source.silent_cycles = SILENT_CYCLES

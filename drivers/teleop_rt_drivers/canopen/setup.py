@@ -168,7 +168,7 @@ def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig:
     sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)
     sdo.write(cia402.CONTROLWORD, cia402.FAULT_RESET)
     sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)
-    if cia402.drive_state(int(sdo.read(cia402.STATUSWORD))) is cia402.DriveState.FAULT:
+    if cia402.drive_state(int(sdo.read(cia402.STATUSWORD))) is cia402.Cia402State.FAULT:
         code = int(sdo.read(cia402.ERROR_CODE))
         raise AxisError(
             f"{sdo.label} stays in fault, error code 0x{code:04X}: see the drive's manual"

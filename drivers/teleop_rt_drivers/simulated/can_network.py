@@ -15,7 +15,7 @@ from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.faults import break_bus, break_drive, mend_bus
 from teleop_rt_drivers.simulated.frame_devices import (
     INT32,
-    Drive,
+    FramedServo,
     Sensor,
     clamped,
     crc8,
@@ -48,7 +48,7 @@ class CanNetwork:
         latched: Callable[[], None],
     ) -> None:
         self.lost_frames = 0
-        self.drive: Drive | None = None
+        self.drive: FramedServo | None = None
         self.devices: dict[str, FrameDevice] = {}
         self._off = False
         self._plant = plant
@@ -62,7 +62,7 @@ class CanNetwork:
             self._add(Sensor("force sensor", _force(plant), period_ns, faults))
         if config.drive is not None:
             faults = self._faults(STATUS_ID, seed + 2)
-            self.drive = Drive(PlainServo(plant, period_ns), _command, _status(), faults)
+            self.drive = FramedServo(PlainServo(plant, period_ns), _command, _status(), faults)
             self._add(self.drive)
 
     def power_on(self) -> None:

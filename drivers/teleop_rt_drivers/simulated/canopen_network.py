@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from teleop_rt_drivers.can_frames import Outgoing
     from teleop_rt_drivers.canopen.config import CanopenPart
-    from teleop_rt_drivers.simulated.device import Device
+    from teleop_rt_drivers.simulated.device import Node
     from teleop_rt_drivers.simulated.faults import LastingFault
     from teleop_rt_drivers.simulated.plant import Plant
 
@@ -50,7 +50,7 @@ class CanopenNetwork:
     ) -> None:
         self.lost_frames = 0
         self.drive: ServoDrive | None = None
-        self.devices: dict[str, Device] = {}
+        self.devices: dict[str, Node] = {}
         self._cut = False
         self._timed_ns = -1
         self._plant = plant

@@ -40,7 +40,7 @@ SAVE, LOAD = 0x65766173, 0x64616F6C
 class _Server(SdoServer):
     """The canopen package's SDO server, answering through the device's own sender."""
 
-    def __init__(self, device: Device, send: Send) -> None:
+    def __init__(self, device: Node, send: Send) -> None:
         super().__init__(0x600 + device.node_id, 0x580 + device.node_id, device)  # type: ignore[no-untyped-call]
         self._index = self._subindex = 0
         self._send = send
@@ -50,7 +50,7 @@ class _Server(SdoServer):
         self._send(self.tx_cobid, bytes(response))
 
 
-class Device(ObjectStore):
+class Node(ObjectStore):
     """A node of the simulated network.
 
     Derived devices add `commanded` (at SYNC, when RPDO values are stored), `left_operational`

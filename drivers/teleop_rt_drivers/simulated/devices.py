@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from teleop_rt_drivers.simulated.device import Device
+from teleop_rt_drivers.simulated.device import Node
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.node_config import NodeConfig
@@ -19,7 +19,7 @@ INT16 = 2**15 - 1
 INT32 = 2**31 - 1
 
 
-class Encoder(Device):
+class Encoder(Node):
     """CiA 406 linear encoder: position and speed."""
 
     def __init__(self, node: NodeConfig, send: Send, plant: Plant) -> None:
@@ -38,7 +38,7 @@ class Encoder(Device):
         )
 
 
-class ForceSensor(Device):
+class ForceSensor(Node):
     """CiA 404 measuring device: one force, as an integer with the EDS's decimal digits."""
 
     def __init__(self, node: NodeConfig, send: Send, plant: Plant) -> None:

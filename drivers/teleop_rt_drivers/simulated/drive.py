@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from teleop_rt_drivers.simulated.device import Device
+from teleop_rt_drivers.simulated.device import Node
 from teleop_rt_drivers.simulated.motion import OFF
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Power(Enum):
     FAULT = 0x08
 
 
-class ServoDrive(Device):
+class ServoDrive(Node):
     """The drive: its power state follows the controlword at each SYNC, its target the plant."""
 
     def __init__(self, node: NodeConfig, send: Send, plant: Plant) -> None:

@@ -92,7 +92,7 @@ class Sensor:
         self.power_on()
 
 
-class Drive:
+class FramedServo:
     """A drive that answers each command it can read."""
 
     name = "drive"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_device import DeviceBody
     from teleop_rt.config_operator import DeviceOperator
     from teleop_rt_drivers.simulated.motion import Vector
-    from teleop_rt_drivers.transport import Transport
+    from teleop_rt_drivers.transport import TransportTimes
 
 DRIVE_STEP = 1e-6
 NOWHERE = 1e3
@@ -50,7 +50,7 @@ class HandPlant(Plant):
     """
 
     def __init__(
-        self, operator: DeviceOperator, transport: Transport, start_ns: int, seed: int
+        self, operator: DeviceOperator, transport: TransportTimes, start_ns: int, seed: int
     ) -> None:
         assert operator.hand is not None  # noqa: S101 - who simulates a device has a hand for it
         hand, rig, body = operator.hand, operator.rig, operator.plant or operator.body

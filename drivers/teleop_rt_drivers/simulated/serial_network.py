@@ -10,7 +10,7 @@ from teleop_rt_drivers.framed.stream import StreamGoneError
 from teleop_rt_drivers.simulated import frame_devices as devices
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.faults import break_drive
-from teleop_rt_drivers.simulated.frame_devices import Drive, Sensor
+from teleop_rt_drivers.simulated.frame_devices import FramedServo, Sensor
 from teleop_rt_drivers.simulated.servo import ForceServo, PlainServo
 from teleop_rt_drivers.simulated.slow_converter import SlowConverter
 
@@ -33,13 +33,13 @@ def _sensor(
 
 def _drive(plant: Plant, faults: FaultyFrames, period_ns: int) -> FrameDevice:
     servo = PlainServo(plant, period_ns)
-    return Drive(servo, devices.drive_commands, devices.drive_answer(), faults)
+    return FramedServo(servo, devices.drive_commands, devices.drive_answer(), faults)
 
 
 def _force_drive(plant: Plant, faults: FaultyFrames, period_ns: int) -> FrameDevice:
     servo = ForceServo(plant, period_ns)
     commands = partial(devices.drive_commands, sync=0xC4)
-    return Drive(servo, commands, devices.drive_answer(b"\x3d"), faults)
+    return FramedServo(servo, commands, devices.drive_answer(b"\x3d"), faults)
 
 
 SLOW_SEED = 711
@@ -71,7 +71,7 @@ class SerialNetwork:
         latched: Callable[[], None],
     ) -> None:
         self.lost_frames = 0
-        self.drive: Drive | None = None
+        self.drive: FramedServo | None = None
         self.devices: dict[str, FrameDevice] = {}
         self._plant = plant
         self._streams: dict[str, ByteStream] = {}
@@ -87,7 +87,7 @@ class SerialNetwork:
             device = SIMULATED[port.format](plant, faults, period_ns)
             self.devices[device.name] = device
             self._streams[device.name] = streams[name]
-            if isinstance(device, Drive):
+            if isinstance(device, FramedServo):
                 self.drive = device
         self._unplugged: list[FrameDevice] = []
         self._items = [(device, self._streams[name]) for name, device in self.devices.items()]
