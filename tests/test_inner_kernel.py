@@ -47,6 +47,7 @@ def test_a_kernel_that_a_kernel_has_taken_in_is_complete_for_python_and_as_a_poi
 
 def test_the_flavour_of_a_kernel_for_kernels_cannot_be_called_by_python():
     assert quartered(8.0) == 2.0
+    # No public name leads to it, so that nobody calls it but by a mistake in `inner_kernel`.
     with pytest.raises(TypeError, match="halved: only kernels call this flavour"):
         halved._inner(8.0)
 

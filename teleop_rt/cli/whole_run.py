@@ -72,7 +72,7 @@ def run_and_print(
 ) -> None:
     """Run a trial, with a live page where it has a port, and print its summary."""
     trial = _load(trial_file, changes, clock)
-    _compile(trial, quiet=as_json)
+    compile_first(trial, quiet=as_json)
     with Interrupts() as interrupts:
         try:
             with nullcontext() if live_port is None else live_page_beside(live_port):
@@ -109,7 +109,7 @@ def _load(trial_file: Path, changes: list[str], clock: ClockName) -> TrialConfig
     return load(trial_file, changes)
 
 
-def _compile(trial: TrialConfig, *, quiet: bool) -> None:
+def compile_first(trial: TrialConfig, *, quiet: bool) -> None:
     """Compile what a run of the trial calls, unless it is in the cache; print how long it took.
 
     Slave, master, rig and summary would compile it too, each on one core and silently.

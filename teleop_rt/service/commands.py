@@ -54,7 +54,7 @@ def reload(
     as_json: Json = False,
 ) -> None:
     """Reload the config of the running daemon; an invalid config changes nothing."""
-    _print(request_reload(rig, pid), as_json=as_json)
+    print_answer(request_reload(rig, pid), as_json=as_json)
 
 
 COMMANDS = (start, stop, arm, status, reset, reload)
@@ -74,10 +74,11 @@ def main() -> None:
 
 
 def _send(command: str, rig: str | None, *, as_json: bool) -> None:
-    _print(request(command, rig), as_json=as_json)
+    print_answer(request(command, rig), as_json=as_json)
 
 
-def _print(answer: Mapping[str, Any], *, as_json: bool) -> None:
+def print_answer(answer: Mapping[str, Any], *, as_json: bool) -> None:
+    """Print the daemon's answer: its status, or the problem, with which the command exits."""
     if as_json:
         print(json.dumps(answer["status"] if answer["ok"] else answer))
     elif answer["ok"]:

@@ -71,7 +71,7 @@ def run_processes(
                 recorder = supervisor.fork_kept(
                     "recorder", session, record, [str(session), str(folder)]
                 )
-                ended = _run(trial, supervisor, recorder, side, progress, over)
+                ended = supervise(trial, supervisor, recorder, side, progress, over)
             complete_truth(folder, supervisor.children)
             return ended
         finally:
@@ -104,7 +104,7 @@ def prepared_to_fork() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _run(
+def supervise(
     trial: TrialConfig,
     supervisor: Supervisor,
     recorder: Child,
@@ -112,6 +112,10 @@ def _run(
     progress: Callable[[float], None],
     over: Callable[[], None],
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
+    """Start the sides, wait for their end, and end what has not ended by itself.
+
+    Returns the outcome, and the failure of a process that ended the trial early.
+    """
     first = [recorder]
     if trial.plant is not None:
         first.append(supervisor.start("sim", partial(side, "sim", others=_none)))

@@ -125,7 +125,7 @@ def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         )
 
 
-def _worst(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
+def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
     """Give the worst of the whole run, which no mean shows."""
     felt, met = summary["master"].get("worst"), summary["contact"].get("worst") or {}
     if felt is not None and felt["phantom_force"] is not None:
@@ -165,7 +165,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         *_handle(master),
-        *_worst(summary, units),
+        *worst_lines(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", _adequacy(summary["adequacy"])),
         ("link", f"{packets}, {refused}"),

@@ -138,6 +138,7 @@ def test_a_diagnosis_names_the_effect_and_its_model_predicts_another_motion(diag
     assert [one.name for one in diagnosis.effects] == ["nonlinear_stiffening"]
     assert diagnosis.parameters["k"].value == pytest.approx(1500.0, rel=0.02)
     assert diagnosis.nrmse_after < 0.1 * diagnosis.nrmse_before
+    # The fit itself has no public name: its model has.
     own = held_out.predict(diagnosis._found.problem, diagnosis._found.best)
     assert teleop_rt.predict(diagnosis.model, recording) == pytest.approx(own, abs=1e-9)
     t, x, force = press(cubic=4e7, seed=2)

@@ -205,7 +205,7 @@ def test_keys_are_printed_with_the_digits_that_are_written(tmp_path, capsys):
     file = tmp_path / "rig.yaml"
     file.write_text(CELL.read_text())
     keys = {("sensors", "force_lag_ms"): 27.123456789, ("sensors", "force_settling_ms"): 50}
-    work._finish(file, keys, {}, ["lag  27.12 ms"], write=True, as_json=False)
+    work.finish(file, keys, {}, ["lag  27.12 ms"], write=True, as_json=False)
     printed = capsys.readouterr().out
     lines = [line.strip() for line in file.read_text().splitlines()]
     for key in ("force_lag_ms", "force_settling_ms"):

@@ -229,7 +229,7 @@ def test_the_devices_time_is_mapped_on_ours():
     bench = FramedBench(load("serial")).armed()
     bench.cycles(1500)
     assert abs(bench.sample.device_stamp_ns - bench.sample.stamp_ns) < 20_000
-    clock = bench.axis._position._clock
+    clock = bench.axis._position._clock  # a sample has the mapped time, and not the drift
     assert clock.drift_ppm == pytest.approx(-40.0, abs=2.0)
 
 

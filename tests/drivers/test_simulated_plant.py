@@ -46,7 +46,7 @@ def test_the_drive_s_reported_force_is_what_momentum_and_body_took(hides):
     """Summed by rectangles it lacked 3 % of what a mass of 1 kg takes, and stiffness 0.5 %."""
     undeclared = ({"effect": "force_bias", "bias": 1.0},) if hides else ()
     plant = Plant(quiet(environment={"surface": 1.0}, undeclared=undeclared), 0, 0)
-    assert plant._hides is hides
+    assert plant._hides is hides  # which of its two integrations runs shows nowhere else
     plant.hold()
     gains, rates = [], []
     for k in range(1, 1000):

@@ -252,7 +252,7 @@ def test_what_is_no_frame_is_refused_at_either_end_and_the_next_one_is_heard(cha
         long.is_fd = False
         with pytest.raises(can.CanOperationError, match="12 bytes is not a CAN frame"):
             ours.send(long)
-        ours._peers[0].send(b"not a frame")
+        ours._peers[0].send(b"not a frame")  # which `send` refuses
         ours.send(frame(2))
         with pytest.raises(can.CanOperationError, match="11 bytes is not a CAN frame"):
             theirs.recv(0)
@@ -357,7 +357,7 @@ def test_who_leaves_is_heard_to_the_end_and_who_comes_is_met_while_others_talk(c
         theirs.send(frame(3))
         theirs.shutdown()
         assert [one[0] for one in ours.waiting_frames(256)] == [3]
-        assert len(ours._peers) == 1
+        assert len(ours._peers) == 1  # who left would show only as memory and time
         assert len(heard) == 20
 
 

@@ -217,7 +217,7 @@ def test_cookies_are_bounded_however_many_addresses_ask() -> None:
             pair.slave.poll()
         assert kinds(pair.slave_tap.sent).count(Kind.RETRY) == cookies
     assert kinds(pair.slave_tap.sent).count(Kind.WELCOME) == HANDSHAKES_PER_S
-    assert len(pair.slave._answerer.retried) <= ADDRESSES
+    assert len(pair.slave._answerer.retried) <= ADDRESSES  # memory: nothing else shows it
 
 
 def test_handshakes_under_way_are_bounded_and_a_poll_works_one() -> None:
@@ -228,7 +228,7 @@ def test_handshakes_under_way_are_bounded_and_a_poll_works_one() -> None:
         pair.slave.poll()
         assert kinds(pair.slave_tap.sent[sent:]).count(Kind.WELCOME) <= 1, count
         pair.now += 200 * MS
-    assert len(pair.slave._answerer.pending) <= MOST_PENDING
+    assert len(pair.slave._answerer.pending) <= MOST_PENDING  # memory, as above
 
 
 def test_a_reflected_packet_of_any_kind_is_no_message() -> None:

@@ -64,6 +64,7 @@ def test_a_stranger_gets_no_session_and_no_more_bytes_than_it_sends(heard) -> No
     assert len(stranger.answers) <= (1 + PORTS) * HANDSHAKES_PER_S * (1 + TICKS * 1e-3)
     for sent, back in zip(stranger.bytes_out, stranger.bytes_back, strict=True):
         assert back <= sent
+    # Memory, which nothing public shows.
     assert len(heard.slave._answerer.pending) <= MOST_PENDING
 
 

@@ -116,7 +116,7 @@ def test_the_hand_feels_one_reaction_time_late() -> None:
 
 def test_tremor_has_the_stated_force_and_frequency() -> None:
     hand = Hand(HAND, T, np.random.default_rng(1))
-    tremor = np.array([hand._shake() for _ in range(60_000)])
+    tremor = np.array([hand.intend(k * T, 0.0).tremor for k in range(1, 60_001)])
     assert tremor.std() == pytest.approx(0.2, rel=0.1)
     spectrum = np.abs(np.fft.rfft(tremor)) ** 2
     frequency = np.fft.rfftfreq(tremor.size, T)

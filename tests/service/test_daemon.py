@@ -337,7 +337,7 @@ def test_a_safeguard_that_the_rig_goes_without_is_the_red_line_of_the_status(
     alone.describe(trial, [], "")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.delenv("NO_COLOR", raising=False)
-    commands._print(ready.ask("status"), as_json=False)
+    commands.print_answer(ready.ask("status"), as_json=False)
     coloured = [line for line in capsys.readouterr().out.splitlines() if "\x1b" in line]
     assert coloured == [f"\x1b[1;31munsafe: {missing}\x1b[0m"]
 

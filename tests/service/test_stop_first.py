@@ -91,7 +91,7 @@ def test_an_arm_left_behind_by_a_killed_server_is_not_carried_out(running, monke
     running.ask("stop")
     box = CommandBox(running.session)
     number = box.request(Command.ARM)  # the loop is away; the server that asked is killed
-    later = box._words[4] + 1
+    later = box._words[4] + 1  # its deadline, which the loop reads from the same place
     monkeypatch.setattr(
         "teleop_rt.service.mailbox.time", SimpleNamespace(monotonic_ns=lambda: later)
     )

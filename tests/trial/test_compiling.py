@@ -7,7 +7,7 @@ from teleop_rt_dev.trial.files import silicone
 
 def test_a_run_that_can_keep_nothing_compiled_reports_it(monkeypatch, capsys):
     monkeypatch.setattr(jit, "_ROOT", None)
-    whole_run._compile(silicone(), quiet=True)
+    whole_run.compile_first(silicone(), quiet=True)
     assert capsys.readouterr().err == ""
-    whole_run._compile(silicone(), quiet=False)
+    whole_run.compile_first(silicone(), quiet=False)
     assert "compiled again in each run" in capsys.readouterr().err

@@ -42,7 +42,7 @@ def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_fa
     trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS)
     supervisor = Ending(end)
     with Interrupts() as interrupts:
-        outcome, failure = module._run(
+        outcome, failure = module.supervise(
             trial, supervisor, Child("recorder", None), print, lambda _: None, interrupts.hold
         )
     at_once = ["master"] if end is None else []  # in good order: nobody leads it any more
@@ -74,12 +74,12 @@ def test_an_interrupt_between_the_first_tick_and_the_word_of_it_ends_a_trial_tha
     trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS)
     given = (Child("recorder", None), print, lambda _: None)
     with Interrupts() as interrupts:
-        outcome, failure = module._run(
+        outcome, failure = module.supervise(
             trial, EndingAtTheFirstTick(ready=True), *given, interrupts.hold
         )
     assert (outcome["interrupted"], failure) == (True, None)
     with Interrupts() as interrupts, pytest.raises(KeyboardInterrupt):
-        module._run(trial, EndingAtTheFirstTick(ready=False), *given, interrupts.hold)
+        module.supervise(trial, EndingAtTheFirstTick(ready=False), *given, interrupts.hold)
 
 
 def test_the_truth_of_a_run_has_what_each_process_simulated(tmp_path):

@@ -35,7 +35,7 @@ def test_a_wall_that_is_not_there_counts_before_contact_has_converged_too():
 def test_a_phantom_of_no_force_has_no_time(phantom, words):
     felt = {"phantom_force": phantom, "phantom_s": 5.2, "force_error": 11.1, "force_error_s": 1.0}
     summary = {"master": {"worst": felt}, "contact": {}}
-    ((_, line),) = table._worst(summary, Units(position="m", force="N"))
+    ((_, line),) = table.worst_lines(summary, Units(position="m", force="N"))
     assert line.startswith(words)
 
 

@@ -104,7 +104,7 @@ def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(session
 def test_a_reader_of_a_ring_cannot_write_to_it(session):
     started(session)
     reader = RingReader(session / "slave.ring")
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(ValueError, match="read-only"):  # no public method writes
         reader._header[3] = 7
 
 
@@ -199,6 +199,7 @@ def test_a_long_recording_is_played_from_the_file_not_from_memory(recorded):
     now = [0.0]
     source = RecordingSource(recorded, lambda: now[0])
     source.read()
+    # Memory, which nothing public shows.
     held = sum(len(rows) for rows in source._ahead.values())
     assert held < 2 * 1500
 

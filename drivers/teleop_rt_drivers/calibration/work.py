@@ -64,7 +64,7 @@ def calibrate_force(
     fit = fit_weights(readings)
     results = {**asdict(fit), "linearity": fit.linearity, "unit": rig.units.force}
     shown = lines(results, rig.units)
-    _finish(file, force_keys(rig, fit), results, shown, write=write, as_json=as_json)
+    finish(file, force_keys(rig, fit), results, shown, write=write, as_json=as_json)
 
 
 def masses_of(text: str) -> list[float]:
@@ -89,7 +89,7 @@ def calibrate_lag(
         found = find_torque_lag(recording, drivetrain_of(ran)[1], ran, damping or 0.0)
         by_motor = torque_lag_keys(rig, found)
         shown = lines(asdict(found), rig.units)
-        _finish(file, by_motor, asdict(found), shown, write=write, as_json=as_json)
+        finish(file, by_motor, asdict(found), shown, write=write, as_json=as_json)
         return
     fit = find_lag(recording, damping)
     keys: dict[KeyPath, float] = {
@@ -97,7 +97,7 @@ def calibrate_lag(
         ("sensors", "force_lag_deviation_ms"): fit.deviation_ms,
     }
     shown = lines(asdict(fit), rig.units)
-    _finish(file, keys, asdict(fit), shown, write=write, as_json=as_json)
+    finish(file, keys, asdict(fit), shown, write=write, as_json=as_json)
 
 
 def calibrate_drivetrain(
@@ -116,7 +116,7 @@ def calibrate_drivetrain(
     everything = {"verdict": found.verdict, **results}
     units = {name: parameter.unit for name, parameter in parameters.items()}
     shown = lines(everything, rig.units, units)
-    _finish(file, keys, everything, shown, write=write, as_json=as_json)
+    finish(file, keys, everything, shown, write=write, as_json=as_json)
 
 
 def _recorded(recording: Path) -> RigConfig:
@@ -170,10 +170,10 @@ def calibrate_device(
     fit = fit_device(motion)
     keys = device_keys(rig, transport, fit)
     shown = [*lines(asdict(fit), rig.units), OF_DEVICE]
-    _finish(file, keys, asdict(fit), shown, write=write, as_json=as_json)
+    finish(file, keys, asdict(fit), shown, write=write, as_json=as_json)
 
 
-def _finish(
+def finish(
     file: Path,
     keys: Mapping[KeyPath, float],
     results: dict[str, Any],
