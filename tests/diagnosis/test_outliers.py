@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from teleop_rt.diagnosis.answers.outliers import effect_of, of_motion
+from teleop_rt.diagnosis.answers.outliers import chance_of_one_source, effect_of, of_motion
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.rows import force_noise, outliers
 
@@ -25,6 +25,14 @@ def test_samples_at_every_reversal_come_with_the_motion_and_scattered_ones_do_no
     for seed in range(20):
         scattered = (np.random.default_rng(seed).random(motion.t.size) < 0.004).astype(float)
         assert not of_motion(scattered, motion)
+
+
+@pytest.mark.parametrize(("few", "apart"), [(3, 9.0), (5, 1.5), (20, 1.0), (300, 0.25)])
+def test_the_chance_of_one_source_is_kolmogorovs(few: int, apart: float) -> None:
+    rng = np.random.default_rng(few)
+    some, others = rng.normal(apart, 1.0, few), rng.normal(0.0, 1.0, 9000)
+    wanted = scipy.stats.ks_2samp(some, others, method="asymp").pvalue
+    assert chance_of_one_source(some, others) == pytest.approx(wanted, rel=1e-3, abs=1e-12)
 
 
 def pressed(dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,6 @@ from dataclasses import replace
 from math import log1p
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import (
@@ -22,6 +21,7 @@ from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, power_in_time
+from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _TONE_BINS = 3  # bins on either side into which a tone leaks
@@ -140,9 +140,9 @@ def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:
     Both are 0 without enough free air. Samples near a contact are left out, because the band limit
     makes its residual ring. Coloured noise has fewer independent values per second than white.
     """
-    air = scipy.ndimage.binary_erosion(
-        air_and_contact(problem)[0], iterations=max(1, round(_RINGING_S / problem.motion.dt))
-    )
+    beside = max(1, round(_RINGING_S / problem.motion.dt))
+    inside = air_and_contact(problem)[0].astype(np.float64)
+    air = running_rank(np.pad(inside, beside), 2 * beside + 1, 0.0)[beside:-beside] > 0.0
     if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
         return 0.0, 0.0
     density = problem.whitener.density

@@ -7,7 +7,6 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
@@ -15,6 +14,7 @@ from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.model import CandidateModel, phases
 from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
 from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _SPIKE = 5  # samples; the spike of a closing play is narrower
@@ -167,7 +167,7 @@ def _smooth_part(rate: Vector) -> Vector:
     The tip's mass rests in the gap and moves with the tool beyond it. In between is an impact; the
     samples do not show its duration.
     """
-    return np.asarray(scipy.ndimage.median_filter(rate, _SPIKE, mode="nearest"), dtype=np.float64)
+    return running_rank(rate, _SPIKE, 0.5)
 
 
 def _values(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> list[Vector]:

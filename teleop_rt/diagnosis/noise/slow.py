@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from teleop_rt.contact.effect import Vector
 
@@ -65,8 +64,8 @@ def excess(
     spectrum = np.zeros((basis.shape[1], size // 2 + 1), dtype=np.complex128)
     spectrum[:, :bins] = (basis[:bins] + 1j * basis[bins:]).T * scale
     spectrum[:, 1:] *= 0.5
-    back = mask * fft.irfft(spectrum, size) * size
-    seen = fft.rfft(back, _LENGTH_FACTOR * size)
+    back = mask * np.fft.irfft(spectrum, size) * size
+    seen = np.fft.rfft(back, _LENGTH_FACTOR * size)
     power = finer(density, size, _LENGTH_FACTOR) / size
     power[1:] *= 2.0
     covariance = (seen * power @ seen.conj().T).real / (_LENGTH_FACTOR * size)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.noise import slow
@@ -72,8 +71,7 @@ class Whitener:
         left = rows * self.mask
         if places.size:
             left[..., places] = (1.0 - share) * rows[..., before] + share * rows[..., after]
-        found: NDArray[np.complex128] = fft.rfft(left, overwrite_x=True)[..., : self.bins]
-        return found
+        return np.fft.rfft(left)[..., : self.bins]
 
     @cached_property
     def _short_holes(self) -> tuple[Places, Places, Places, Vector]:
@@ -131,7 +129,7 @@ class Whitener:
         longer = 1 if self._slow is None else 2
         colour = np.sqrt(slow.finer(self.density, size, longer) / size)
         noise = rng.standard_normal((number, longer * size))
-        return self(fft.irfft(fft.rfft(noise) * colour, longer * size)[:, :size])
+        return self(np.fft.irfft(np.fft.rfft(noise) * colour, longer * size)[:, :size])
 
 
 def band_bins(samples: int, dt: float, edge_hz: float = BAND_HZ) -> int:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.fft import prev_fast_len
 
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.filters import fast_length_within
 
 MOST_SAMPLES = 30_000  # 30 s at 1 kHz: an answer within a minute
 _STEPS_PER_WINDOW = 4  # places tried: a quarter of the part is lost at most
@@ -25,7 +25,7 @@ def most_active(recording: Recording) -> tuple[Recording, float]:
     """
     available = min(recording.position.size, MOST_SAMPLES)
     every = _DECIMATED if recording.dt < _DECIMATED_PERIOD_S else 1
-    length = every * prev_fast_len(available // every, real=True)
+    length = every * fast_length_within(available // every)
     starts = range(0, recording.position.size - length + 1, MOST_SAMPLES // _STEPS_PER_WINDOW)
 
     def movement(start: int) -> float:

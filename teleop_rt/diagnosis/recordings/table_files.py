@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.text_tables import TableError, read_text
@@ -23,7 +22,7 @@ from teleop_rt.recording_memory import most_bytes, refuse_more
 TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 _UNREADABLE = (
     OSError, ValueError, TypeError, NotImplementedError, EOFError, MemoryError, zipfile.BadZipFile,
-    zlib.error, struct.error, scipy.io.matlab.MatReadError, SyntaxError, tokenize.TokenError,
+    zlib.error, struct.error, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
 _NEXT_STEP = {
     **dict.fromkeys(
@@ -69,10 +68,14 @@ def _read_mat(path: Path) -> dict[str, Vector]:
     with path.open("rb") as stream:
         for unpacked in _packed_sizes(stream, most):
             refuse_more(path, unpacked, most)
-    arrays = [(name, shape) for name, shape, kind in scipy.io.whosmat(path)
-              if kind in _NUMERIC_CLASSES]  # fmt: skip
-    refuse_more(path, _NUMBER_BYTES * sum(math.prod(shape) for _, shape in arrays), most)
-    return _arrays(scipy.io.loadmat(path, variable_names=[name for name, _ in arrays]))
+    from scipy.io import loadmat, matlab, whosmat  # noqa: PLC0415 - takes longer than other files
+
+    try:
+        arrays = [(name, shape) for name, shape, kind in whosmat(path) if kind in _NUMERIC_CLASSES]
+        refuse_more(path, _NUMBER_BYTES * sum(math.prod(shape) for _, shape in arrays), most)
+        return _arrays(loadmat(path, variable_names=[name for name, _ in arrays]))
+    except matlab.MatReadError as error:
+        raise TableError(str(error)) from error
 
 
 def _packed_sizes(stream: IO[bytes], most: int) -> Iterator[int]:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.held_out import predict
+from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.rows import Stretch, robust_deviation, stretches
 
 _FEWEST_SAMPLES, _LEAST_S = 5, 0.01  # samples, and s: a shorter stretch is an outlier
@@ -40,7 +40,7 @@ def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
     off = np.where(counted, np.abs(left), 0.0)
     sides = (off[counted & side] for side in (inside, ~inside))
     usual = max((robust_deviation(row) for row in sides if row.size > _FEWEST_SAMPLES), default=0.0)
-    held = scipy.ndimage.median_filter(off, width)
+    held = running_rank(off, width, 0.5)
     crossings = np.flatnonzero(np.diff(inside))
     about, wider = round(_TOUCH_MARGIN_S / dt), width // 2 + 1
 

@@ -1,7 +1,7 @@
-"""Derivatives by a local polynomial (Savitzky and Golay), a zero-phase low-pass, a cubic spline.
+"""Derivatives by a local polynomial (Savitzky and Golay), low-passes, ranks, a cubic spline.
 
-scipy has all three, but loading scipy.signal and scipy.interpolate takes longer than a short
-diagnosis, and its local polynomial is ill-conditioned where the window has a thousand samples.
+scipy has them, but loading it takes longer than a short diagnosis, and its local polynomial is
+ill-conditioned where the window has a thousand samples.
 """
 
 from __future__ import annotations
@@ -9,11 +9,25 @@ from __future__ import annotations
 from math import perm
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.jit import kernel
 
-_WIDE = 64  # weights; wider windows are faster by spectra: 0.15 for 2.4 ms at 600, 10 000 samples
+_FAST = np.unique(
+    [2**i * 3**j * 5**k for i in range(32) for j in range(20) for k in range(14)
+     if 2**i * 3**j * 5**k < 2**32]
+)  # fmt: skip
+"""Lengths of fast Fourier transforms: their largest prime factor is 5."""
+
+
+def fast_length(least: int) -> int:
+    """Return the smallest fast length of a Fourier transform of `least` values or more."""
+    return int(_FAST[np.searchsorted(_FAST, least)])
+
+
+def fast_length_within(most: int) -> int:
+    """Return the largest fast length of a Fourier transform of `most` values or fewer."""
+    return int(_FAST[np.searchsorted(_FAST, most, side="right") - 1])
 
 
 def local_polynomial(
@@ -40,13 +54,49 @@ def _correlated(rows: Vector, weights: Vector) -> Vector:
 
     Half a window at both ends is undefined. By spectra, whose time hardly depends on the window.
     """
-    if weights.size < _WIDE:
-        return np.asarray(scipy.ndimage.correlate1d(rows, weights, axis=-1), dtype=np.float64)
     size, half = rows.shape[-1], weights.size // 2
-    length = scipy.fft.next_fast_len(size + half, real=True)
-    spectra = scipy.fft.rfft(rows, length) * scipy.fft.rfft(weights[::-1], length)
-    found = scipy.fft.irfft(spectra, length, overwrite_x=True)[..., half : half + size]
-    return np.asarray(found, dtype=np.float64)
+    length = fast_length(size + half)
+    spectra = np.fft.rfft(rows, length) * np.fft.rfft(weights[::-1], length)
+    return np.fft.irfft(spectra, length)[..., half : half + size]
+
+
+def gaussian(row: Vector, deviation: float, reach: int) -> Vector:
+    """Return the row smoothed by a Gaussian of that deviation and reach [samples].
+
+    Beyond its ends the row stays as it is there.
+    """
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+    longer = np.pad(row, reach, mode="edge")
+    return _correlated(longer, weights / weights.sum())[reach:-reach]
+
+
+def running_rank(row: Vector, width: int, share: float) -> Vector:
+    """Return the value that a share of the `width` samples (odd) about each one does not exceed.
+
+    0 is the least, 0.5 the median, 1 the largest. At its ends the row is mirrored.
+    """
+    longer = np.pad(row, width // 2, mode="symmetric")
+    found = np.empty_like(row)
+    _running_rank(longer, min(int(share * width), width - 1), np.sort(longer[:width]), found)
+    return found
+
+
+@kernel
+def _running_rank(row: Vector, rank: int, window: Vector, out: Vector) -> None:
+    """Take one sample out of the sorted `window`, and the next one in."""
+    out[0] = window[rank]
+    last = window.size - 1
+    for i in range(1, out.size):
+        place = min(np.searchsorted(window, row[i - 1]), last)
+        fresh = row[i + last]
+        while place < last and window[place + 1] < fresh:
+            window[place] = window[place + 1]
+            place += 1
+        while place > 0 and window[place - 1] > fresh:
+            window[place] = window[place - 1]
+            place -= 1
+        window[place] = fresh
+        out[i] = window[rank]
 
 
 def butterworth(row: Vector, cutoff_hz: float, dt: float) -> Vector:
@@ -57,23 +107,32 @@ def butterworth(row: Vector, cutoff_hz: float, dt: float) -> Vector:
     turned = 2.0 * row[[0, -1]][:, None] - row[::-1]
     whole = np.concatenate((turned[0, :-1], row, turned[1, 1:]))
     frequency = np.tan(np.pi * np.fft.rfftfreq(whole.size)) / np.tan(np.pi * cutoff_hz * dt)
-    found = scipy.fft.irfft(scipy.fft.rfft(whole) / (1.0 + frequency**8), whole.size)
-    return np.asarray(found[row.size - 1 : 2 * row.size - 1], dtype=np.float64)
+    found = np.fft.irfft(np.fft.rfft(whole) / (1.0 + frequency**8), whole.size)
+    return found[row.size - 1 : 2 * row.size - 1]
 
 
 def spline(places: Vector, t: Vector, row: Vector) -> Vector:
     """Return the natural cubic spline through a row of samples at increasing `t`, at `places`."""
     step = np.diff(t)
     slope = np.diff(row) / step
-    bands = np.zeros((3, t.size))
-    bands[1] = 1.0
-    bands[0, 2:], bands[2, :-2] = step[1:], step[:-1]
-    bands[1, 1:-1] = 2.0 * (step[1:] + step[:-1])
     bent = np.zeros(t.size)
     bent[1:-1] = 6.0 * np.diff(slope)
-    bent = scipy.linalg.solve_banded((1, 1), bands, bent)
+    _solve_tridiagonal(step, 2.0 * (step[1:] + step[:-1]), bent[1:-1])
     i = np.clip(np.searchsorted(t, places, side="right") - 1, 0, t.size - 2)
     x, h = places - t[i], step[i]
     first = slope[i] - h * (2.0 * bent[i] + bent[i + 1]) / 6.0
     third = (bent[i + 1] - bent[i]) / (6.0 * h)
     return np.asarray(row[i] + x * (first + x * (0.5 * bent[i] + x * third)), dtype=np.float64)
+
+
+@kernel
+def _solve_tridiagonal(beside: Vector, diagonal: Vector, row: Vector) -> None:
+    """Solve a symmetric system in place; `beside` are the values beside the diagonal, and two."""
+    for i in range(1, row.size):
+        share = beside[i] / diagonal[i - 1]
+        diagonal[i] -= share * beside[i]
+        row[i] -= share * row[i - 1]
+    for i in range(row.size - 1, -1, -1):
+        if i < row.size - 1:
+            row[i] -= beside[i + 1] * row[i + 1]
+        row[i] /= diagonal[i]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
+from teleop_rt.diagnosis.samples.filters import running_rank
 
 OUTLIERS = "outliers"  # name of the effect of isolated wrong samples
 MAD_PER_DEVIATION = 0.6745  # median absolute deviation of a normal distribution of deviation 1
@@ -118,14 +118,14 @@ def _local_deviation(row: Vector) -> Vector:
     A tone that one distance does not show is shown by the other.
     """
     apart = [np.abs(np.roll(row, far) - 2.0 * row + np.roll(row, -far)) for far in _APART_SAMPLES]
-    middle = [scipy.ndimage.median_filter(each, _NOISE_SAMPLES) for each in apart]
+    middle = [running_rank(each, _NOISE_SAMPLES, 0.5) for each in apart]
     return np.asarray(np.max(middle, axis=0) / (MAD_PER_DEVIATION * 6.0**0.5), dtype=np.float64)
 
 
 def _usual_step(row: Vector) -> Vector:
     """Return the step between samples that four in five around each sample do not exceed."""
     steps = np.abs(np.diff(row, prepend=row[:1]))
-    return np.asarray(scipy.ndimage.percentile_filter(steps, 80, _STEP_SAMPLES), dtype=np.float64)
+    return running_rank(steps, _STEP_SAMPLES, 0.8)
 
 
 def outliers(force: Vector, x: Vector, noise: float, dt: float) -> Vector:

@@ -6,11 +6,10 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.samples.filters import local_polynomial
+from teleop_rt.diagnosis.samples.filters import fast_length, local_polynomial
 from teleop_rt.diagnosis.samples.motion import SMOOTHING_ORDER, differentiate, position_noise
 from teleop_rt.diagnosis.samples.rows import quantisation_step
 
@@ -107,7 +106,7 @@ def _spectra(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Ve
     sizes = np.diff(np.append(starts, omega.size))
 
     def power(row: Vector) -> Vector:
-        found = np.abs(scipy.fft.rfft(np.diff(row) * window, length)[1:]) ** 2 / per_difference
+        found = np.abs(np.fft.rfft(np.diff(row) * window, length)[1:]) ** 2 / per_difference
         return np.asarray(np.repeat(np.add.reduceat(found, starts) / sizes, sizes))
 
     measured = power(position)
@@ -122,7 +121,7 @@ def _spectra(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Ve
 
 def _frequencies(samples: int, dt: float) -> tuple[int, Vector]:
     """Return a length that is fast to transform, and its angular frequencies [rad/s] but 0."""
-    length = scipy.fft.next_fast_len(samples, real=True)
+    length = fast_length(samples)
     omega = 2.0 * np.pi * np.fft.rfftfreq(length, dt)[1:]
     return length, np.asarray(omega, dtype=np.float64)
 
@@ -134,7 +133,7 @@ def _response(half: int, dt: float, samples: int, derivative: int) -> NDArray[np
     impulse = np.zeros(2 * middle + 1)
     impulse[middle] = 1.0
     answer = differentiate(impulse, dt, half)[derivative]
-    found = scipy.fft.rfft(answer, length)[1:] * np.exp(1j * omega * dt * middle)
+    found = np.fft.rfft(answer, length)[1:] * np.exp(1j * omega * dt * middle)
     return np.asarray(found, dtype=np.complex128)
 
 
@@ -151,10 +150,10 @@ def lost_motion(
     window = np.hanning(position.size - 1)
     removed = np.abs(1.0 - _response(half, dt, position.size, 0)) ** 2 * motion
     size = np.sqrt(removed * length / float(window @ window))
-    white = scipy.fft.rfft(rng.standard_normal((number, length))) / np.sqrt(length)
+    white = np.fft.rfft(rng.standard_normal((number, length))) / np.sqrt(length)
     white[:, 0], white[:, 1:] = 0.0, white[:, 1:] * size
     slopes = (1j * np.append(0.0, omega)) ** np.arange(3)[:, None]
-    found = scipy.fft.irfft(white * slopes[:, None, :], length)
+    found = np.fft.irfft(white * slopes[:, None, :], length)
     return np.asarray(found[..., : position.size], dtype=np.float64)
 
 

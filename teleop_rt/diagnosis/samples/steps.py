@@ -8,9 +8,9 @@ velocity, so there a model is judged: position and force pass the same low-pass.
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.samples.filters import gaussian, running_rank
 
 _BAND_HZ = 50.0  # Hz; hands and rigs move below it
 _BAND_OF_RATE = 0.05  # of the rate: below it every derivative's window passes the motion
@@ -32,14 +32,12 @@ def low_passed(row: Vector, dt: float) -> Vector:
 
     The kernel is a Gaussian: zero-phase, and short, so that little around a touch is lost.
     """
-    found = scipy.ndimage.gaussian_filter1d(row, _deviation(dt), mode="nearest", radius=reach(dt))
-    return np.asarray(found, dtype=np.float64)
+    return gaussian(row, _deviation(dt), reach(dt))
 
 
 def beside(mask: Vector, dt: float) -> Vector:
     """Return the mask without the samples whose low-passed value depends on one left out."""
-    width = 2 * reach(dt) + 1
-    return np.asarray(scipy.ndimage.minimum_filter1d(mask, width, mode="nearest"))
+    return running_rank(mask, 2 * reach(dt) + 1, 0.0)
 
 
 def _deviation(dt: float) -> float:

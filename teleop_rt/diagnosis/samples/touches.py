@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.held_out import predict
+from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.preparation import without_edges
 
 _TOUCH_MARGIN_S = 0.02  # s around a touch: a filter of 50 Hz spreads a jump over it
@@ -54,8 +54,8 @@ def explained_by_timing(whole: Problem, away: Problem, fit: Fit) -> bool:
     hidden = counted & ~kept
     predicted = predict(away, fit)
     width = 2 * away.settling + 1
-    least = scipy.ndimage.minimum_filter1d(predicted, width)
-    most = scipy.ndimage.maximum_filter1d(predicted, width)
+    least = running_rank(predicted, width, 0.0)
+    most = running_rank(predicted, width, 1.0)
     noise = SIGMAS * float(np.std((away.force - predicted)[kept]))
     beyond = np.maximum(least - noise - away.force, away.force - most - noise).clip(min=0.0)
     left = np.abs(away.force - predicted)
