@@ -14,7 +14,7 @@ from rig_bench import MS
 from teleop_rt.axis import AxisError
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.config_loader import load_trial
-from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.realtime.recording import read_topics
 from teleop_rt.trial.folder import write_trial
@@ -193,7 +193,7 @@ def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
     try:
         device = operator_device.open_device(replace_hand(config), now_ns, 1)
         watch = HandleWatch(config.rig.limits, 1e-3, lacks=config.rig.axis.unsafe())
-        operator = DeviceOperator(device, watch, 1e-3)
+        operator = HeldDevice(device, watch, 1e-3)
         operator.configure()
         end_ns = now_ns() + 20_000_000_000
         while plant.servo_force > -6.995 and now_ns() < end_ns:

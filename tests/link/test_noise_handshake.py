@@ -9,7 +9,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_rt.link.noise import DH_BYTES, Initiator, Keys, NoiseError, Responder
+from teleop_rt.link.noise import DH_BYTES, Initiator, SessionKeys, NoiseError, Responder
 
 PSK, PROLOGUE = b"k" * 32, b"teleop-rt test"
 
@@ -90,7 +90,7 @@ def test_handshake_and_transport_follow_the_published_vector() -> None:
         assert other.receiving.decrypt(index // 2, b"", packet) == clear
 
 
-def shaken() -> tuple[Keys, Keys]:
+def shaken() -> tuple[SessionKeys, SessionKeys]:
     initiator = Initiator(PSK, PROLOGUE, b"hello")
     answer, theirs = Responder(PSK, PROLOGUE, initiator.message).answer(b"welcome")
     return initiator.read(answer)[1], theirs

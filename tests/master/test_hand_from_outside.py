@@ -23,7 +23,7 @@ from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.transport import MemoryTransport
-from teleop_rt.master.device import DeviceOperator
+from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.master import Master
 from teleop_rt.master.passivity import Port
@@ -166,7 +166,7 @@ def hold(
     ]
     slave = IdealSlave(ends[1], clock, surface=SURFACE, k=k, b=b, model_after=60)
     body = HeldHandle(grip, handle)
-    operator = DeviceOperator(body, HandleWatch(LIMITS, PERIOD_S, "none", LACKS), PERIOD_S, 30.0)
+    operator = HeldDevice(body, HandleWatch(LIMITS, PERIOD_S, "none", LACKS), PERIOD_S, 30.0)
     port = Port(PERIOD_S, handle.damping, "difference", 30.0, handle.timing.latency_s)
     operator.configure()
     master = Master(CONFIG, LIMITS, PERIOD_NS, operator, ends[0], clock, port=port)
