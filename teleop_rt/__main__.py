@@ -10,9 +10,9 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
+from teleop_rt.errors import FAULT
 from teleop_rt.interrupts import INTERRUPTED, INTERRUPTS, interrupt, interrupted
 
-FAULT = 1
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 _STREAMS = {"stdin": (0, "r"), "stdout": (1, "w"), "stderr": (2, "w")}
 _COLLECT_AFTER = 50_000

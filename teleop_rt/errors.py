@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-BAD_INPUT = 2
+FAULT, BAD_INPUT = 1, 2
+"""Exit codes: for a fault during the work, and for arguments, config or input that are refused."""
 
 
 class ExpectedError(Exception):

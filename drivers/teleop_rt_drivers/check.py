@@ -27,6 +27,7 @@ from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import open_axis_on, parts_of
 from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot, check_stamps
 from teleop_rt_drivers.stall_check import check_stalls
+from teleop_rt_drivers.transport import DEFAULT_BIT_RATE
 
 if TYPE_CHECKING:
     from teleop_rt.config_link import LinkConfig
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.bus_load import Load
     from teleop_rt_drivers.canopen.drive_config import ForceInputConfig
 
-DEFAULT_BIT_RATE = 1_000_000
 WARN_ABOVE = 0.9
 """Share of what is allowed that is worth a word."""
 INT32 = 2**31 - 1

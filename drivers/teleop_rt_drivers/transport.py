@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import SerialDeviceConfig
 
 DEFAULT_BIT_RATE = 1_000_000
+"""Bits a second of a CAN bus whose rig states none."""
 AT_NEXT_SYNC = 240
 """Transmission types up to this one wait for a SYNC (CiA 301, table 71)."""
 

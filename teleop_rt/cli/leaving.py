@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-FAULT = 1
+from teleop_rt.errors import FAULT
 
 
 def leave_on_fault(safety: dict[str, Any]) -> None:

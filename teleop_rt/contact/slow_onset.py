@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.onset import LEAST_AIR
 from teleop_rt.jit import kernel
 
 POINTS = 4
@@ -20,8 +21,6 @@ MOST_SETTLING = 8
 """Samples in which a converter settles at most; sinc filters have orders up to 5."""
 PLACES = 32
 """Tried between the shallowest and the deepest, and again between the best one's neighbours."""
-LEAST_AIR = 32
-"""Samples in the air beside those about the surface."""
 MOST_NEAR = 64
 """Samples about the surface at most: behind it two settling times are waited for."""
 SPARE = 4

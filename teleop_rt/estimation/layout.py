@@ -48,7 +48,7 @@ NO_INTERCEPT = -1
 arbitrary, so that the constant takes it up."""
 UNKNOWN_VARIANCE = -1
 """Column VARIANCE_AT is where a row's state holds theta's covariance per unit of noise."""
-LEAST_BLOCKS = 16
+LEAST_SCORE_BLOCKS = 16
 """Blocks of scores before their spread is believed."""
 
 # Scalars at the head of a row's state.

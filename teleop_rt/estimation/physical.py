@@ -41,7 +41,7 @@ def noise_covariance(S: Vector, n: int, slot: int, out: Matrix) -> bool:
     S is the row's state; `slot` holds the covariance per unit of noise. It is widened per parameter
     by the spread of block sums of scores, which a row has only once it was ready.
     """
-    if slot == NONE or S[layout.BLOCKS] < layout.LEAST_BLOCKS:
+    if slot == NONE or S[layout.BLOCKS] < layout.LEAST_SCORE_BLOCKS:
         return False
     for i in range(n):
         for j in range(n):
@@ -70,7 +70,7 @@ def moved_by_surface(S: Vector, n: int, i: int, integral: bool) -> float:
 def deviation_known(state: index.BankState, r: int) -> bool:
     """Return whether the standard deviations of a row's theta by noise are known."""
     slot = int(state.bank_settings[r, layout.VARIANCE_AT])
-    return bool(slot != NONE and state.bank[r, layout.BLOCKS] >= layout.LEAST_BLOCKS)
+    return bool(slot != NONE and state.bank[r, layout.BLOCKS] >= layout.LEAST_SCORE_BLOCKS)
 
 
 @kernel

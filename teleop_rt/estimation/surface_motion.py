@@ -51,7 +51,7 @@ FITTING_NOISE, FITTING_SHARE = 5.0, 0.01
 0.2 % for a body that breathes by 5 mm, 2 to 5 % for one of another exponent by a half."""
 CURVED_NOISE, CURVED_SHARE, CURVED_S = 2.0, 0.002, 0.3
 """The same for a law that stiffens, and for how long: of several one fits for a while by chance."""
-UNKNOWN = 1e8
+START_VARIANCE = 1e8
 """Initial variance of every state; forces are in deviations of the sensor's noise."""
 WILD = 1e9
 """Magnitude from which a number is no sample, as in `sensing.sense`."""
@@ -80,7 +80,7 @@ def forget(p: Matrix, dt: float) -> None:
     """Let k and b become less known by a tick, up to what was never known."""
     grown = math.sqrt(1.0 + dt / MEMORY_S)
     for j in range(C):
-        if p[j, j] * grown * grown <= UNKNOWN:
+        if p[j, j] * grown * grown <= START_VARIANCE:
             for i in range(N_STATES):
                 p[i, j] *= grown
                 p[j, i] *= grown
@@ -202,7 +202,7 @@ class SurfaceMotion:
         self._z[:] = 0.0
         self._s[:] = 0.0
         self._law, self._fitted_s = 0, 0.0
-        self._p[:] = UNKNOWN * np.eye(N_STATES)
+        self._p[:] = START_VARIANCE * np.eye(N_STATES)
         self._before = self.shift
         self._reference = self._met_at - self.shift
         self.velocity = 0.0

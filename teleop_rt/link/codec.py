@@ -28,14 +28,14 @@ from teleop_rt.link.messages import (
 MAGIC = b"TR"
 VERSION = 6
 
-MODEL_CODES: dict[ModelId, int] = {
+WIRE_CODES: dict[ModelId, int] = {
     "mass": 1,
     "kelvin-voigt": 2,
     "kelvin-voigt-unilateral": 3,
     "mass-spring-damper": 4,
     "hunt-crossley": 5,
 }
-MODEL_OF_CODE = {code: model for model, code in MODEL_CODES.items()}
+MODEL_OF_CODE = {code: model for model, code in WIRE_CODES.items()}
 
 _HEADER = Struct("<2sBBQQqqq")
 _MOTION = Struct("<dddddQBBB")
@@ -131,7 +131,7 @@ def _encode_model(message: ModelMessage) -> bytes:
     return _MODEL.pack(
         message.model_sequence,
         message.contact_id,
-        MODEL_CODES[message.model],
+        WIRE_CODES[message.model],
         message.surface_known,
         message.surface,
         message.k,

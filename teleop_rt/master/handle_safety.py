@@ -33,7 +33,7 @@ FORCE_WINDOW_S = 0.010
 FORCE_SHARE = 0.1
 """Of force_max: by how much a motor's force may be off; calibrations are within 5 %."""
 NO_SWITCH = "the operator's device has no enabling switch: it pushes whether or not a hand holds it"
-OVERSPEED = 1.2
+OVERSPEED_RATIO = 1.2
 """Over velocity_max, beyond the noise of a difference."""
 POSITION_SHARE = 0.05
 """Of the travel: by how much encoder and drive may disagree since power came on, as of a slave."""
@@ -107,7 +107,7 @@ def is_elsewhere(w: WatchFields, position: float, drive: float) -> bool:
 @kernel
 def judge_motion(w: WatchFields, position: float, velocity: float) -> int:
     """Return the fault of a device that is too fast or has left its travel."""
-    if not abs(velocity) <= OVERSPEED * w.velocity_max:
+    if not abs(velocity) <= OVERSPEED_RATIO * w.velocity_max:
         return _OVERSPEED
     inside = w.position_min <= position <= w.position_max
     return _NO_FAULT if inside else _END_OF_TRAVEL

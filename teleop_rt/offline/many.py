@@ -19,13 +19,12 @@ from teleop_rt.batch.bar import Bar, bar
 from teleop_rt.batch.sweep import CASES, in_order, open_folder
 from teleop_rt.batch.workers import Case, Result, Workers
 from teleop_rt.diagnosis.phases import heard_by
-from teleop_rt.errors import BAD_INPUT, ExpectedError
+from teleop_rt.errors import BAD_INPUT, FAULT, ExpectedError
 from teleop_rt.interrupts import INTERRUPTED
 from teleop_rt.offline.find import digest_of, find, names_one, own_names
 from teleop_rt.outputs import refuse_filled, refuse_unwritable
 from teleop_rt.view.console import output
 
-FAULT = 1
 ANSWERS = "answers.jsonl"
 Show = Callable[[Console, dict[str, Any]], None]
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from teleop_rt.realtime.own_pages import own_written_pages
+from teleop_rt.realtime.own_pages import MAPS, own_written_pages
 from teleop_rt.shipped import EXAMPLES
 
 FIFO, LOCKED, PINNED = "SCHED_FIFO", "mlockall", "core {} alone"
@@ -28,7 +28,6 @@ _RESET_ON_FORK = 0x40000000
 _CAP_IPC_LOCK = 14
 DMA_LATENCY = "/dev/cpu_dma_latency"
 STATUS = Path("/proc/self/status")
-MAPS = Path("/proc/self/smaps")
 _MAP_FIELDS = 5
 """Permissions, offset, device, inode and file of a mapping, beside its addresses."""
 _COMPILER = "libllvmlite"

@@ -11,10 +11,12 @@ from typing import Annotated, Any
 import typer
 
 from teleop_rt import __version__
+from teleop_rt.errors import BAD_INPUT
 from teleop_rt.service.client import DaemonError, request, request_reload
 from teleop_rt.terminal import pipe_that_may_close, red
 
-REFUSED, BAD_INPUT = 1, 2
+REFUSED = 1
+"""Exit code of a command that the daemon does not execute."""
 _UNSAFE = "unsafe: "
 
 Rig = Annotated[

@@ -16,7 +16,7 @@ from teleop_rt.link.messages import MOST_EFFECTS
 
 Matrix = NDArray[np.float64]
 
-RANGE_SHARE = 0.02
+FELT_SHARE = 0.02
 """A change of less than this share of the range of the force is not felt, nor is noise."""
 NEW, SENT = range(2)
 NO_MODEL = -1.0
@@ -44,7 +44,7 @@ def is_felt(walls: Matrix, seen: Matrix, noise: float, share: float) -> bool:
     walls (2, N_WALL): both, the sent one's model NO_MODEL before the first; seen (N_SEEN,
     samples): positions, not-a-number where there was no contact, velocities, and values of effects
     per unit amplitude. The bar is `noise`, and either `share` of the force at each sample or, with
-    none (0), RANGE_SHARE of the range of the forces.
+    none (0), FELT_SHARE of the range of the forces.
     """
     new, sent = walls[NEW], walls[SENT]
     if new[MODEL] != sent[MODEL] or new[COUNT] != sent[COUNT]:
@@ -63,4 +63,4 @@ def is_felt(walls: Matrix, seen: Matrix, noise: float, share: float) -> bool:
             return True
         largest = max(largest, change)
         lowest, highest = min(lowest, force), max(highest, force)
-    return share <= 0.0 and largest > max(noise, RANGE_SHARE * (highest - lowest))
+    return share <= 0.0 and largest > max(noise, FELT_SHARE * (highest - lowest))

@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-LONGEST_WINDOW = 64
+WINDOW_ROOM = 64
 """Room for the samples of 10 ms at the highest rate, 4 kHz."""
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -178,8 +178,8 @@ class Tick:
 _KINDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "float": (np.float64, ()),
     "int": (np.int64, ()),
-    "Floats": (np.float64, (LONGEST_WINDOW,)),
-    "Counts": (np.int64, (LONGEST_WINDOW,)),
+    "Floats": (np.float64, (WINDOW_ROOM,)),
+    "Counts": (np.int64, (WINDOW_ROOM,)),
 }
 _FIELDS = [(name, *_KINDS[kind]) for name, kind in Tick.__annotations__.items()]
 # As a record its fields are attributes also where the kernels are not compiled.

@@ -25,7 +25,7 @@ from teleop_rt.estimation.walls import (
 )
 from teleop_rt.jit import kernel
 from teleop_rt.kernel_record import record_type
-from teleop_rt.link.codec import MODEL_CODES
+from teleop_rt.link.codec import WIRE_CODES
 from teleop_rt.link.messages import MOST_EFFECTS
 from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR
 from teleop_rt.slave.felt import NEW, NO_MODEL, POSITION, SENT, VELOCITY, is_felt
@@ -43,7 +43,7 @@ MESSAGE, N_WALLS = 2, 3
 _HUNT_CROSSLEY = rows.HUNT_CROSSLEY
 _NO_CODE = 0
 _LINK_CODES = np.full(1 + max(rows.MODEL_CODES.values()), _NO_CODE)
-for _name, _code in MODEL_CODES.items():
+for _name, _code in WIRE_CODES.items():
     _LINK_CODES[rows.MODEL_CODES[_name]] = _code
 
 

@@ -81,7 +81,7 @@ def convergence_figure(simulated: Sequence[Result], model: str) -> Figure:
             panel.axhline(truth, **style.TRUTH_STYLE)
             panel.set(xscale="log", ylim=(-0.2 * truth, 2.2 * truth))
     for row, name in enumerate(names):
-        axes[row, 0].set_ylabel(style.UNITS[model][name])
+        axes[row, 0].set_ylabel(style.PARAMETER_LABELS[model][name])
     figures.legend(figure, axes[0, 0])
     return figure
 
@@ -130,7 +130,7 @@ def silicone_figure(pressed: Sequence[Result], model: str) -> Figure:
             _limit(panel, finals)
             if name in (truth := _true(cube["specimen"], model)):
                 panel.axhline(truth[name], **style.TRUTH_STYLE)
-            panel.set_ylabel(style.UNITS[model][name])
+            panel.set_ylabel(style.PARAMETER_LABELS[model][name])
     figures.legend(figure, axes[0, 0])
     return figure
 

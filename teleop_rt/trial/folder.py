@@ -17,7 +17,7 @@ import yaml
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
-from teleop_rt.errors import RecordingError
+from teleop_rt.errors import BAD_INPUT, RecordingError
 from teleop_rt.outputs import refuse_filled, unwritable
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import read_topics
@@ -27,7 +27,6 @@ TRIAL = "trial.yaml"
 SUMMARY = "summary.json"
 TRUTH = "truth.json"
 LOG = "log.jsonl"
-BAD_INPUT = 2
 _WANTED = "give a recording, or a folder that a run has written"
 
 

@@ -27,7 +27,7 @@ MARKS: Mapping[Grade, str] = MappingProxyType(
     {"good": "✓", "attention": "!", "bad": "✕", "unknown": "–"}
 )
 """A sign beside each colour, for those who do not see the colour."""
-COLOURS: Mapping[Grade, str] = MappingProxyType(
+GRADE_COLOURS: Mapping[Grade, str] = MappingProxyType(
     {"good": "green", "attention": "yellow", "bad": "bold red", "unknown": "dim"}
 )
 """The colour of each grade on a terminal."""

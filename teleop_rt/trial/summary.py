@@ -27,11 +27,10 @@ from teleop_rt.trial.folder import RECORDING, began_at
 from teleop_rt.trial.grades import grades
 from teleop_rt.trial.software import software
 from teleop_rt.trial.summary_notes import all_notes
-from teleop_rt.trial.true_port import true_port
+from teleop_rt.trial.true_port import LAG_MARGIN_S, true_port
 from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
 
 Array = NDArray[np.float64]
-_LAG_MARGIN_S = 0.5
 
 _HANDLE = HANDLE_TRUTH_TOPIC
 _SIGNALS = {
@@ -219,10 +218,10 @@ def _error_and_lags(trial: TrialConfig, felt: Felt) -> dict[str, Any]:
             np.where(in_contact, felt.true, np.nan), np.where(in_contact, felt.rendered, np.nan)
         )
     }
-    reflected_s = trial.link.round_trip_ms * 1e-3 + _LAG_MARGIN_S
+    reflected_s = trial.link.round_trip_ms * 1e-3 + LAG_MARGIN_S
     unknown = []
     for key, signal, most_s in (
-        ("lag_ms", felt.rendered, _LAG_MARGIN_S),
+        ("lag_ms", felt.rendered, LAG_MARGIN_S),
         ("direct_reflection_lag_ms", felt.reflected, reflected_s),
     ):
         lag = lag_s(felt.true[felt.converged], signal[felt.converged], period_s, most_s)

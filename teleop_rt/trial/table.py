@@ -10,7 +10,7 @@ from rich.table import Table
 
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.section import Units
-from teleop_rt.trial.grades import COLOURS, MARKS, grades, of_fault
+from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, grades, of_fault
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
 
 _GRADED = {
@@ -43,7 +43,7 @@ def print_summary(console: Console, summary: Mapping[str, Any], units: Units) ->
     graded = grades(summary) | {"end": of_fault(summary["safety"])}
     for name, value in _lines(summary, units):
         grade = graded.get(_GRADED.get(name, ""))
-        mark = "" if grade is None else f"[{COLOURS[grade]}]{MARKS[grade]}[/]"
+        mark = "" if grade is None else f"[{GRADE_COLOURS[grade]}]{MARKS[grade]}[/]"
         table.add_row(mark, f"[bold]{name}[/bold]", value)
     with console.capture() as drawn:
         console.print(table, soft_wrap=True)

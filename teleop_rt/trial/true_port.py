@@ -14,6 +14,7 @@ from teleop_rt.trial.felt_force import EnvironmentForce
 
 Array = NDArray[np.float64]
 LAG_MARGIN_S = 0.5
+"""Largest lag [s] that is searched beside the round trip of the link."""
 
 
 def true_port(

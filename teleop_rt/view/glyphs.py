@@ -13,14 +13,13 @@ from bokeh.plotting import figure
 from numpy.typing import NDArray
 
 from teleop_rt.view.charts import Chart, Curve, Panel, kept_rows
-from teleop_rt.view.style import LIGHT
+from teleop_rt.view.style import FAINT, LIGHT
 
 Array = NDArray[np.float64]
 Sources = dict[int, tuple[ColumnDataSource, str]]
 """Source and column of each curve, by the curve's identity."""
 
 _MOST_ROWS = 24_000  # per source: every tick of 24 s at 1 kHz, of a longer run the extremes
-_FAINT = 0.35
 
 
 def draw(plot: figure, chart: Chart, panel: Panel, sources: Sources) -> None:
@@ -53,7 +52,7 @@ def _curve(
     look: dict[str, Any] = {
         "source": source,
         "color": curve.colour,
-        "alpha": _FAINT if curve.faint else 1.0,
+        "alpha": FAINT if curve.faint else 1.0,
         "name": curve.label,
     }
     if curve.kind == "bars":

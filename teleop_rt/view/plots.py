@@ -12,14 +12,13 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from teleop_rt.view.charts import Chart, Curve, Limits, Panel, kept_rows
-from teleop_rt.view.style import LIGHT
+from teleop_rt.view.style import FAINT, LIGHT
 
 _MOST_ROWS = 1200  # points per curve: a printed page is no wider in dots that are seen
 _WIDTH_IN, _PANEL_IN = 10.0, 1.5
 _LEFT_IN, _RIGHT_IN, _BELOW_IN, _BETWEEN_IN = 0.85, 0.15, 0.45, 0.15
 _ABOVE_IN, _KEYS_IN_A_ROW, _ROW_IN = 0.12, 3, 0.18
 _DASHES = {"solid": "-", "dashed": "--", "dotted": ":", "dotdash": "-."}
-_FAINT = 0.35  # opacity of what stands behind
 
 
 def figure_of(chart: Chart, *, whole: bool = False) -> Figure:
@@ -92,7 +91,7 @@ def _curve(axes: Axes, curve: Curve, limits: Limits | None) -> None:
     """Draw one curve between the limits of x."""
     low, high = limits or (-np.inf, np.inf)
     shown = np.flatnonzero((curve.x >= low) & (curve.x <= high))
-    look = {"color": curve.colour, "alpha": _FAINT if curve.faint else 1.0}
+    look = {"color": curve.colour, "alpha": FAINT if curve.faint else 1.0}
     if curve.kind == "bars":
         axes.bar(curve.x, curve.y, width=curve.bar_width, label=curve.label, **look)  # type: ignore[arg-type]
         return

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
-from teleop_rt.trial.grades import COLOURS, MARKS, Grade, grades, of_safety, worst
+from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_safety, worst
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.style import model_name, number
 
@@ -96,7 +96,7 @@ def print_runs(console: Console, runs: Iterable[Listed]) -> None:
     for run in runs:
         felt = "–" if run.felt_nrmse is None else f"{100.0 * run.felt_nrmse:.2g} %"
         table.add_row(
-            f"[{COLOURS[run.grade]}]{MARKS[run.grade]}[/]",
+            f"[{GRADE_COLOURS[run.grade]}]{MARKS[run.grade]}[/]",
             (run.began_at or "–")[:16].replace("T", " "),
             run.trial or "–",
             run.ended.replace("_", " "),

@@ -19,6 +19,8 @@ Style = Literal["solid", "dashed", "dotted", "dotdash"]
 # Okabe and Ito 2008, and a line style each: curves must be distinguishable in grey, too.
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+FAINT = 0.35
+"""Opacity of a curve that stands behind another."""
 COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), "-")
 DASHES: tuple[Style, ...] = ("solid", "dashed", "dotdash", "dotted")
@@ -88,11 +90,11 @@ IN_THE_DARK = MappingProxyType(
 )
 """The colour on the dark ground of each colour that a figure has on the light one."""
 ABBREVIATED = {"kelvin-voigt": "Kelvin-Voigt", "hunt-crossley": "Hunt-Crossley"}
-UNITS = {
+PARAMETER_LABELS = {
     "kelvin-voigt": {"k": "k [N/m]", "b": "b [N s/m]"},
     "hunt-crossley": {"k": "k [N/mⁿ]", "b": "b [N s/mⁿ⁺¹]", "n": "n [-]"},
 }
-MODELS = MappingProxyType(
+MODEL_NAMES = MappingProxyType(
     {
         "mass": "mass",
         "kelvin-voigt": "Kelvin-Voigt",
@@ -128,7 +130,7 @@ def _variable(colour: str) -> str:
 
 def model_name(model: str) -> str:
     """Return what people call a model id."""
-    return MODELS.get(model, model)
+    return MODEL_NAMES.get(model, model)
 
 
 _SOLVERS = MappingProxyType(

@@ -13,7 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from teleop_rt.trial.grades import COLOURS, MARKS, Grade
+from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.health import Lamp
 from teleop_rt.view.live.source import About, RingSource, find_session
@@ -77,7 +77,7 @@ class RunView:
     def _glance(self, seconds: float) -> Group:
         table = Table.grid(padding=(0, 2))
         for title, grade, text in glance(self._feed):
-            mark = Text(MARKS[grade] if grade else " ", style=COLOURS[grade] if grade else "")
+            mark = Text(MARKS[grade] if grade else " ", style=GRADE_COLOURS[grade] if grade else "")
             table.add_row(mark, Text(title, style="bold"), Text(text))
         done = Table.grid(padding=(0, 2))
         done.add_row(

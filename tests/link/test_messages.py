@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from teleop_rt.link.codec import (
     HEADER_BYTES,
-    MODEL_CODES,
+    WIRE_CODES,
     decode,
     decode_header,
     encode,
@@ -61,7 +61,7 @@ MESSAGES = st.one_of(
     ),
     st.builds(
         ModelMessage,
-        st.sampled_from(sorted(MODEL_CODES)),
+        st.sampled_from(sorted(WIRE_CODES)),
         U64,
         U64,
         FINITE,

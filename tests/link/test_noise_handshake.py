@@ -9,7 +9,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_rt.link.noise import DH_BYTES, Initiator, SessionKeys, NoiseError, Responder
+from teleop_rt.link.noise import DH_BYTES, Initiator, NoiseError, Responder, SessionKeys
 
 PSK, PROLOGUE = b"k" * 32, b"teleop-rt test"
 

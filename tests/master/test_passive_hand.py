@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from master_world import CONFIG, KEY, LIMITS, PERIOD_NS, SteppedClock
 
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.codec import MODEL_CODES
+from teleop_rt.link.codec import WIRE_CODES
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import ModelMessage, StateMessage
 from teleop_rt.link.transport import MemoryTransport
@@ -47,7 +47,7 @@ class PassiveHand:
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 WILD_MODELS = st.tuples(
-    st.sampled_from(sorted(MODEL_CODES)),
+    st.sampled_from(sorted(WIRE_CODES)),
     st.just(1),
     st.integers(0, 5),
     st.floats(-0.02, 0.02),

@@ -33,7 +33,7 @@ pytest.importorskip("jinja2")
 pytest.importorskip("bokeh")
 
 from teleop_rt.cli.reporting import felt_of
-from teleop_rt.trial.grades import COLOURS, grades
+from teleop_rt.trial.grades import GRADE_COLOURS, grades
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view import figures, headline, residual, run_folder, run_times
 from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
@@ -103,7 +103,7 @@ def test_a_safeguard_that_the_rig_goes_without_is_a_red_tile(good):
     assert tile.grade == "bad"
     assert f"unsafe: {missing}" in tile.lines
     assert headline.UNSAFE_STEP in tile.lines
-    assert COLOURS["bad"] == "bold red"
+    assert GRADE_COLOURS["bad"] == "bold red"
 
 
 def test_limited_commands_beside_no_fault_are_said_to_be_intended(good):

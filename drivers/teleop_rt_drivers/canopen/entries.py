@@ -41,7 +41,6 @@ class Hex:
         return {"anyOf": [handler(schema), text]}
 
 
-ACTUAL_TORQUE = "0x6077"
 NodeId = Annotated[int, Field(ge=1, le=127), Hex]
 PdoId = Annotated[int, Field(ge=0x181, le=0x57F), Hex]
 SyncId = Annotated[int, Field(ge=0x80, le=0xFF), Hex]
