@@ -38,6 +38,7 @@ _IMPORT = re.compile(
     re.MULTILINE,
 )
 _KEPT_S = 30 * 24 * 3600.0
+"""Age [s] at which another version's cache is deleted: a month."""
 
 
 def load_compiler() -> None:

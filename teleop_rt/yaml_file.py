@@ -60,6 +60,7 @@ MOST_BYTES = 256 * 1024
 MOST_NODES = 10_000
 """Keys, values and items, with aliases written out: ten aliases of ten are a hundred nodes."""
 DEEPEST = 40
+"""Nesting of a file: Python's own recursion ends not far beyond."""
 
 _TOO_MUCH = (
     f"holds more than {MOST_NODES} values, with its aliases, or is nested deeper than {DEEPEST}:"

@@ -26,6 +26,7 @@ UNIX = "unix"
 FDCANUSB = "fdcanusb"
 """Interface of mjbots' adapter, which python-can does not know; its channel is a serial port."""
 RECEIVE_BUFFER_BYTES = 4 << 20
+"""Asked of the kernel for frames that wait while the process is held up."""
 
 
 ADAPTERS = {

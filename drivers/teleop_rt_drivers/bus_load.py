@@ -24,6 +24,7 @@ FULLEST_BUS = 0.8
 FULLEST_LINE = 0.95
 """A serial line belongs to one device, which repeats nothing."""
 BITS_PER_SERIAL_BYTE = 10
+"""Start bit, eight data bits, stop bit."""
 
 
 def frame_bits(data_bytes: int, *, extended: bool = False) -> int:

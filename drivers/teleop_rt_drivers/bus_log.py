@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 READY = "ready"
 WAIT_S = 0.05
+"""Longest wait for a frame before the logger looks whether it is to end."""
 END_TIMEOUT_S = 5.0
+"""Time that the logger has to write what it holds."""
 
 
 def log_file(folder: Path, part: str, bus: BusConfig) -> Path:

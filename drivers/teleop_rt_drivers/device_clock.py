@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 from teleop_rt.jit import kernel
 
 FORGETTING = 0.999
+"""Per sample of offset and rate: a memory of 1000 samples."""
 GATE_SIGMA = 5.0
+"""Deviations from the prediction beyond which a stamp is an outlier."""
 FLOOR_NS = 20_000.0
 """Arrivals vary by at least so much; below, the gate would shut on quantisation."""
 WARM_UP = 50
+"""Samples before the gate applies: until then the deviation is not known."""
 MOST_OUTLIERS_IN_A_ROW = 50
+"""Of so many together the model is wrong, not the stamps: it begins again."""
 _WORD_BITS, _ALL_BITS = 64, -1
 START_COVARIANCE = 1e12
+"""Variance of the offset at the start [ns^2]: a millisecond."""
 RATE_COVARIANCE = 1e-6
 """The device's second is ours within 0.1 % at the start."""
 

@@ -28,11 +28,16 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.bus import BusConfig
 
 WARM_UP = 10
+"""Cycles before the measurement, which do not count."""
 VALID_SHARE = 0.98
+"""Share of cycles with a valid sample that a healthy rig exceeds."""
 FROZEN_SAMPLES = 100
+"""Equal forces in a row that a sensor with noise does not give."""
 RARE = 0.02
+"""Share of cycles in which an outlier of a device's clock is no finding."""
 BAD_FRAMES = ("bad_checksum", "bad_end", "no_match", "too_long", "wrong_length")
 BAD_SHARE = 1e-3
+"""Share of bad frames from which they are a warning."""
 EVENTS = {
     "sync_sent", "frames", "cycles_without_sample", "speed_saturated",
 }  # fmt: skip

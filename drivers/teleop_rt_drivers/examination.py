@@ -13,6 +13,7 @@ from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
+from teleop_rt.errors import BAD_INPUT, FAULT
 from teleop_rt.terminal import ElapsedLine, red
 from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
@@ -42,8 +43,6 @@ from teleop_rt_drivers.registry import (
 )
 from teleop_rt_drivers.stall_check import check_hardware_stalls
 
-FAULT, BAD_CONFIG = 1, 2
-
 
 def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) -> None:
     """Print all that can be known of a config without moving anything."""
@@ -61,7 +60,7 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
                 findings += check_hardware_stalls(trial.operator.rig, "operator.rig.")
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
-        raise typer.Exit(BAD_CONFIG)
+        raise typer.Exit(BAD_INPUT)
 
 
 def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: bool) -> None:

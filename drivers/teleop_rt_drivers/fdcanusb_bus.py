@@ -20,12 +20,14 @@ from teleop_rt_drivers.framed.stream import SerialStream, StreamGoneError
 BAUD = 1_000_000
 """Of the port, which is USB alone: the adapter does not heed it."""
 ANSWER_S = 0.5
+"""Longest wait for the adapter's answer to a command."""
 LONGEST_LINE = 256
 """Bytes of 64 data bytes in hexadecimal, with id and flags, and room."""
 RECEIVED = re.compile(
     rb"rcv ([0-9A-Fa-f]{1,8}) ((?:[0-9A-Fa-f]{2})*)((?: (?:[EeBbFfRr]|t\d+|f-?\d+))*)"
 )
 MOST_STANDARD = 0x7FF
+"""Largest identifier of 11 bits."""
 
 
 class FdcanusbBus(can.BusABC):

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from teleop_rt.link.channel import Endpoint
 
 SECONDS = 3.0
+"""Length of the measurement, a side's default."""
 LOSSY = 0.05
+"""Share of lost packets from which the link is reported."""
 _STATE = StateMessage(position=0.0, force=0.0, contact_id=0, in_contact=False, following=False)
 _REST = MotionMessage(target=0.0, velocity=0.0, contact_id=0, engaged=False)
 

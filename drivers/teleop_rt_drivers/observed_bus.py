@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 LATE_SHARE = 0.8
 """Share of a period after which an answer to SYNC is in danger of missing its cycle."""
 JITTER_SHARE = 0.5
+"""Of the mean period: a larger deviation (99 %) is a warning."""
 
 
 class ObservedBus(can.BusABC):

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     Vector = NDArray[np.float64]
 
 RATE_TOLERANCE = 1e-3
+"""Relative deviation of a recording's mean period from the rig's that is accepted."""
 LONGEST_GAP_PERIODS = 1.5
+"""A longer step between two stamps is a missing sample."""
 
 
 class RecordingAxisConfig(AxisConfig):

@@ -21,6 +21,7 @@ from teleop_rt.trial.folder import recording_of
 
 Names = str | Sequence[str] | None
 _SHOWN = 6
+"""Estimators that `repr` names."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -16,6 +16,7 @@ Case = dict[str, Any]
 Result = dict[str, Any]
 Evaluate = Callable[[Case], Result]
 CONNECT_S = 10.0
+"""Longest wait for a scheduler at the address given."""
 
 
 class ClusterError(ExpectedError):

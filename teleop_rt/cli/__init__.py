@@ -12,9 +12,8 @@ import resource
 import sys
 
 from teleop_rt.cli.lazy import LazyCommand, LazyGroup
-from teleop_rt.cli.leaving import FAULT
 from teleop_rt.cli.top import top_options
-from teleop_rt.errors import ExpectedError
+from teleop_rt.errors import FAULT, ExpectedError
 from teleop_rt.terminal import pipe_that_may_close
 
 _SIDES = "teleop_rt.cli.sides"

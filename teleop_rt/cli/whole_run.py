@@ -17,7 +17,7 @@ import typer
 from rich.console import Console
 
 from teleop_rt.batch.bar import bar
-from teleop_rt.cli.leaving import FAULT, leave_on_fault
+from teleop_rt.cli.leaving import leave_on_fault
 from teleop_rt.cli.options import ClockName
 from teleop_rt.cli.reporting import felt_of
 from teleop_rt.cli.showing import live_page_beside
@@ -25,6 +25,7 @@ from teleop_rt.cli.side_mains import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
 from teleop_rt.config import TrialConfig
 from teleop_rt.contact.effects.user import library
+from teleop_rt.errors import FAULT
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for

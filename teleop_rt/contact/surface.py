@@ -41,9 +41,12 @@ N, X, V, F, XX, XV, VV, XF, VF, FF, N_SUMS = range(11)
     N_REFIT,
 ) = range(18)
 BUFFER = 512
+"""Samples kept of a contact; a full buffer is thinned by half."""
 LEAST_SAMPLES = 100.0
+"""Samples below which neither line nor power law is fitted."""
 IDLE, SEARCH_STEPS, DONE = 0.0, 26.0, 29.0
 GOLDEN = 0.6180339887498949
+"""(sqrt 5 - 1)/2, the share of an interval that golden-section search keeps."""
 # A line is believed when its residual is below these: deviations of noise, share of the force.
 RESIDUAL_NOISE = 3.0
 RESIDUAL_SHARE = 0.01

@@ -59,7 +59,9 @@ Flags = NDArray[np.uint8]
 Counts = NDArray[np.int64]
 
 LARGEST_THETA = 1e9
+"""Magnitude of a parameter, scaled, from which an estimate is out of bounds."""
 LARGEST_INPUT = 1e12
+"""Magnitude of y or Phi from which a sample is no measurement."""
 # The memory of the spread of block scores, in blocks, and that of the regressors, in samples.
 BLOCK_MEMORY = 0.995
 EXCITATION_MEMORY = 4e-3

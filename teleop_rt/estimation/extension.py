@@ -28,6 +28,7 @@ from teleop_rt.estimation.settings import PipelineSettings
 from teleop_rt.estimation.state import MOST_EFFECTS
 
 _PATIENCE_S = 0.015
+"""Time that a force must last to be contact where it may be friction, which is known late."""
 
 
 @dataclass(frozen=True, slots=True)

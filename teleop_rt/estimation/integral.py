@@ -24,8 +24,11 @@ from teleop_rt.estimation.solvers import propagate_noise
 from teleop_rt.jit import inlined_kernel, kernel
 
 LARGEST_INFORMATION = 1e15
+"""Trace of the information matrix at which it is scaled down, before numbers overflow."""
 LEAST_PIVOT = 1e-12
+"""Scaled pivot below which the matrix is singular in double precision."""
 LEAST_INFORMATION = 1e-100
+"""Diagonal below which a parameter is not excited at all."""
 
 
 @kernel

@@ -20,6 +20,7 @@ from teleop_rt.jit import kernel
 Matrix = NDArray[np.float64]
 
 NONE = -1
+"""Place of a parameter that a model does not have."""
 
 
 @kernel

@@ -26,6 +26,7 @@ Counts = NDArray[np.int64]
     COMPARED,
 ) = range(7)
 FROZEN = 7
+"""First column of the frozen parameters in a record; PENDING follows."""
 PENDING = FROZEN + MAX_PARAMETERS
 N_RECORD = PENDING + MAX_PARAMETERS
 # Whether a row may be chosen: not where it is not ready, or its mass or stiffness is not surely

@@ -30,7 +30,9 @@ from teleop_rt.estimation.windows import advance_contact_windows, advance_log_pa
 from teleop_rt.jit import kernel
 
 GATE_CLOSES, GATE_OPENS = 5.0, 6.0
+"""Expected force [deviations of noise] below which logarithms end, and above which they begin."""
 LOG_FLOOR = 1e-3
+"""Least penetration, scaled, whose logarithm is used."""
 
 
 @kernel

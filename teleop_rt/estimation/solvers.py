@@ -47,7 +47,9 @@ from teleop_rt.estimation.layout import (
 from teleop_rt.jit import inlined_kernel, kernel
 
 LARGEST_GRADIENT = 1e12
+"""Magnitude of the gradient by lambda from which it restarts."""
 DELTA_FLOOR = 1e-12
+"""Least mean square of that gradient: it divides the step."""
 
 
 @inlined_kernel

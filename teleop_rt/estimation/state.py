@@ -89,8 +89,11 @@ MX, MV, MA, MV_IN, MF, M_LOG_X, M_LOG_F, M_WEIGHT, M_FREE, N_MOTION = range(10)
 
 
 MOST_ROWS = 64
+"""Rows of the bank: the record's arrays have a fixed size."""
 MOST_EFFECTS = 4
+"""Effects of an extended model."""
 LONGEST_LAG = 256
+"""Samples by which a channel may be delayed to meet another: 64 ms at 4 kHz."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,9 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.pipeline import Trace
 
 _MOST_SAMPLES = 20_000
+"""Samples compared at most; of a longer run one in so many."""
 VARIES_SHARE, VARIES_DEVIATIONS = 0.05, 6.0
+"""A parameter varies where its range exceeds this share of its median and so many deviations."""
 
 
 def reference_stiffness(

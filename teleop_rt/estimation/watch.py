@@ -33,8 +33,11 @@ from teleop_rt.jit import kernel
 ) = range(15)
 
 NOISE_SAMPLES, LARGEST_POWER = 300.0, 9.0
+"""Memory of the noise in samples, and the most that one square may be of its fast mean."""
 BLOCK_S = 0.02
+"""Length of a block, whose mean is one value for the residual's memory."""
 MEMORY_S = 1.0
+"""Memory of the mean over blocks."""
 LEAST_S = 0.6
 """Contact that must have been seen before anything is said."""
 RANGE_SHARE = 0.005

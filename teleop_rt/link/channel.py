@@ -50,11 +50,15 @@ from teleop_rt.link.troubles import (
 Role = Literal["master", "slave"]
 
 PACKETS_PER_POLL = 128
+"""Packets read in one tick, so that a flood cannot hold it up."""
 MOST_WAITING = 20_000
 """More than a socket's buffer holds: so many are dropped at most, also while others come."""
 HELLO_PERIOD_NS = 100_000_000
+"""Time between two Hellos without an answer."""
 NOTICES_PER_S = 10
+"""Rate of messages about refused packets: a flood must not fill the log."""
 NOTHING_AFTER_NS = 2_000_000_000
+"""Silence after which the master reports that nothing comes."""
 _DATA: dict[Role, frozenset[int]] = {
     "master": frozenset(map(int, (Kind.MODEL, Kind.STATE, Kind.TAKEN))),
     "slave": frozenset({int(Kind.MOTION)}),

@@ -27,6 +27,7 @@ from teleop_rt.link.messages import (
 
 MAGIC = b"TR"
 VERSION = 6
+"""Of the packets' layout; a peer of another version is refused."""
 
 WIRE_CODES: dict[ModelId, int] = {
     "mass": 1,

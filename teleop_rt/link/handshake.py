@@ -42,11 +42,13 @@ HASHES_PER_POLL = 256
 PENDING_WITHOUT_COOKIE = 4
 """Handshakes granted and not yet confirmed, without a cookie; a peer has one under way."""
 MOST_PENDING = 16
+"""With cookies; the oldest one is forgotten for a new one."""
 PENDING_NS = 30_000_000_000
 """A granted handshake waits so long for its first packet: three round trips of the slowest link."""
 COOKIE_NS = 60_000_000_000
 """A cookie's secret is renewed after this time; the previous one remains valid."""
 ADDRESSES = 64
+"""Addresses whose budget is kept; with more, all begin again."""
 _MAC_BYTES = _COOKIE_BYTES = 16
 _NONCE_BYTES = 12
 _PAYLOAD = Struct("<IQ")

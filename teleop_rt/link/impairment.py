@@ -14,6 +14,7 @@ from teleop_rt.link.transport import Address, Transport
 NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
 QUEUE_LIMIT = 65536
+"""Packets under way at most: 16 s at 4 kHz."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,11 @@ from teleop_rt.errors import ExpectedError
 from teleop_rt.outputs import refuse_existing
 
 KEY_BYTES = 32
+"""Of a pre-shared key: 256 bits, as ChaCha20 takes."""
 SHARED = "shared"
 """The name of whoever holds the key without a name."""
 MOST_KEYS = 64
+"""Operators of one slave: each key costs a hash for each Hello."""
 MOST_BYTES = 64 * 1024
 """Of a key file: a device, or a recording named by mistake, is no such file."""
 """Each costs a stranger's packet one hash (1 us)."""

@@ -36,6 +36,7 @@ def problem_of(window: NDArray[np.int64], sequence: int) -> int:
 
 
 _SIGN = 1 << 63
+"""Sign bit of 64: a recording's columns hold the number as a signed one."""
 _PROBLEMS = ("", "too old", "replay")
 
 

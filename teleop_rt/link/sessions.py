@@ -12,6 +12,7 @@ from teleop_rt.link.session import Session
 from teleop_rt.link.statistics import Statistics
 
 RECONNECT_AFTER_NS = 2_000_000_000
+"""Silence, beside a round trip, after which a session is begun again."""
 SLOWEST_LINK_NS = 10_000_000_000
 """Longest round trip waited for: a packet withheld for minutes must not delay a reconnection."""
 REKEY_AFTER_NS = 120_000_000_000

@@ -17,6 +17,7 @@ LATE, LATE_WELCOME, STALE = "late", "late welcome", "stale"
 OVERTAKEN = frozenset({LATE, LATE_WELCOME})
 """Late packets of a healthy link: a newer message, or an answer, arrived earlier."""
 _SMOOTHING = 16
+"""Weight 1/16 of a new value, as a TCP's smoothed estimates have 1/8 and 1/4."""
 
 
 SENT, RECEIVED, LOST, ROUND_TRIP, ROUND_TRIP_MIN, ONE_WAY, _WORDS = range(7)

@@ -13,7 +13,9 @@ from teleop_rt.realtime.packets import SENDER_BYTES, Packets
 Address = tuple[str, int]
 
 MAX_DATAGRAM = 2048
+"""Bytes read of a datagram: above any packet of the link."""
 RECEIVE_BUFFER = 1 << 20
+"""Bytes asked of the kernel for datagrams that wait."""
 _AT_ONCE = 16
 """Datagrams that are taken by one call of the system."""
 _INTERNET = struct.Struct(">2xH4s8x")
@@ -21,6 +23,7 @@ _INTERNET = struct.Struct(">2xH4s8x")
 _NAME_WORDS = SENDER_BYTES // 8
 """Words of a sender's name, of which the first holds all that differs: the second is padding."""
 MEMORY_QUEUE = 4096
+"""Datagrams that wait in a transport of the same process; the oldest one is lost."""
 
 
 class LinkError(ExpectedError):

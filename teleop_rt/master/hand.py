@@ -12,8 +12,11 @@ from teleop_rt.config_operator import HandOperator
 from teleop_rt.master.operators import Operator, Profile
 
 _SUBSTEPS = 8
+"""Steps of the hand's integration in a tick."""
 _GRIP_TIME_S = 0.2
+"""Time constant with which the grip follows its goal."""
 _TREMOR_QUALITY = 5.0
+"""Of the resonance that shapes the tremor: its width is a fifth of its frequency."""
 
 
 class Wish(NamedTuple):

@@ -8,6 +8,7 @@ from typing import Protocol
 from teleop_rt.config_operator import ProfileOperator
 
 LIFTED_S = 0.2
+"""Time in the air between two presses of a profile."""
 
 
 class Operator(Protocol):

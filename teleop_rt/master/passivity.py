@@ -51,6 +51,7 @@ STIFFEST_SHARE = 0.999
 CALM_SHARE = 0.9
 """Of the bound, the least for a wall beyond it: softer, a wall is felt as another one."""
 _CALM_HALVINGS = 10
+"""Halvings of the search for the calmest spring: a thousandth of its range."""
 EXCESS = 0.1
 """Excess of a wall over the bound, as a share of it, from which its latency is all made up for."""
 LOWEST_TONE, HIGHEST_TONE = 1e-3, 3 * np.pi

@@ -12,6 +12,7 @@ from teleop_rt.config_operator import RecordedOperator
 from teleop_rt.errors import ExpectedError
 
 _WINDOW = 21
+"""Samples and order of the Savitzky-Golay filter that gives the velocity."""
 _ORDER = 2
 
 

@@ -18,7 +18,9 @@ from teleop_rt.contact.law import touches
 from teleop_rt.link.messages import ModelEffect
 
 _GRID = 48
+"""Depths at which an effect's force is tabulated."""
 _STEP_S = 1e-3
+"""Step of an effect that is asked at rest; its state is not advanced by it."""
 _HALVINGS, _SLOWEST = 20, 1e-6
 _SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)
 """Shares of a depth at which the slope of a damper is evaluated."""

@@ -38,6 +38,7 @@ share of the motion's size."""
 REST_PERIODS = 1.0
 """How long a rhythm does not count after its end."""
 STATES = 6
+"""Of each period tried: a constant with its rate, and two parts of both harmonics."""
 _SEEN: Array = np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
 """The surface is the constant and the first part of both harmonics."""
 

@@ -10,6 +10,7 @@ from teleop_rt.master.rendered_effects import RenderedEffect
 from teleop_rt.master.wall_law import DepthLaw, damped, elastic, knee_of, stored, stretch_of
 
 _HALVINGS = 40
+"""Of the search for a depth: 1e-12 of its range."""
 MOTION_REMEMBERED_S = 1.0
 """Time constant in which a surface comes to rest of which nothing more is heard: breath turns."""
 

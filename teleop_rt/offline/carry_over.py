@@ -20,7 +20,9 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _WORSE = 2.0
+"""Ratio of a set's error on the other recording to the best one's, from which it is dropped."""
 _LATER_S = 1.0
+"""By how much a motion is moved in time to find effects that depend on the time itself."""
 
 
 @dataclass(frozen=True, slots=True)

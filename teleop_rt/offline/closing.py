@@ -37,6 +37,7 @@ RunTrial = Callable[[Sequence[str], Path], Mapping[str, Any]]
 
 _OWN = Table({}, {}, None)
 _FRESH_SEED = 1000
+"""Added to the trial's seed for the fresh run: other noise, the same body."""
 _FRESH_FREQUENCY, _FRESH_AMPLITUDE, _FRESH_MEAN = 0.77, 0.8, 1.05
 """Factors on the profile of the fresh trial, for another motion of similar depth."""
 _SHIFT_DEVIATIONS = 2.0

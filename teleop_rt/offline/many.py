@@ -31,6 +31,7 @@ Show = Callable[[Console, dict[str, Any]], None]
 WORKER_START_S = 0.3
 """Time for a forked process to load the compiled kernels that its parent has not used."""
 _MOST_NAMED = 10
+"""Files that the last line names; the others are counted."""
 _SILENT_S = 5.0
 """Work that usually takes longer names its phases where no terminal shows a bar."""
 

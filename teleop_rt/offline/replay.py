@@ -29,6 +29,7 @@ from teleop_rt.outputs import refuse_existing
 ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
 """Force that is contact, and that no longer is, in deviations of the force's noise."""
 _SMALLEST_SHARE = 1e-3
+"""Noise assumed at least, of the range of the force: a simulated force may have none."""
 _FINEST_SHARE = 2.0**-16
 """Resolution of positions without a grid, over their travel: that of a 16-bit converter.
 

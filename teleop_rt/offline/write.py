@@ -18,6 +18,7 @@ from teleop_rt.extras import install_command
 from teleop_rt.yaml_file import read_yaml
 
 _LEAD_IN_S = 1.0
+"""Rest before a proposed motion: the axis goes to its first position in it."""
 _MOTION, _EXPERIMENT = "motion.csv", "experiment.yaml"
 
 

@@ -13,7 +13,9 @@ from teleop_rt.realtime.mcap_records import Place
 
 Rows = NDArray[np.float64]
 _BLOCK = 2048
+"""Rows collected before they become an array."""
 _BYTES = 8
+"""Of a number."""
 
 
 class Columns:

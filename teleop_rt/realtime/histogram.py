@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BIN_US = 1
+"""Width of a bin."""
 BINS = 10_000
 """Times of 1 µs to 10 ms have a bin each; the last bin takes all longer ones."""
 _LONGEST = BINS + 1

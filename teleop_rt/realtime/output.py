@@ -8,6 +8,7 @@ from pathlib import Path
 from teleop_rt.errors import RecordingError
 
 _MOST_AT_ONCE = 1 << 20
+"""Bytes of one write."""
 
 
 class PatientFile:

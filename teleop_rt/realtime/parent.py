@@ -16,6 +16,7 @@ from teleop_rt.errors import ExpectedError
 
 _PR_SET_PDEATHSIG = 1
 _LOOK_EVERY_S = 0.5
+"""Period in which a process checks its parent where the kernel sends no signal."""
 
 
 class Emit(Protocol):

@@ -37,6 +37,7 @@ ONLINE, RUN = "online-estimation", "run"
 """The metadata records of our recordings: what the slave's estimators were, and what ran."""
 
 _IDS_PER_PART = 1 << 16
+"""Channels of one part of a recording, so that ids of parts do not meet."""
 _LARGEST = 0xFFFFFFFF
 """Largest sequence in MCAP's 32 bits; a row's number is cut to them."""
 _LONGEST_CHUNK = 1 << 20

@@ -22,7 +22,9 @@ Row = NDArray[np.float64]
 _MAGIC = 0x74726F706C657431
 """Eight letters, of which the last is the version of the layout."""
 _HEADER_WORDS = 8
+"""Words of 8 bytes before the rows."""
 _TRIES = 10
+"""Reads of a row that was overwritten meanwhile, before the reader gives up."""
 _MAGIC_WORD, _COLUMNS_WORD, _CAPACITY_WORD, _COUNT_WORD, _CLOSED_WORD = range(5)
 
 

@@ -14,6 +14,7 @@ from teleop_rt.service.place import DaemonFiles, name_of, places
 PATIENCE_S = 10.0
 """Time for which a running daemon is asked again: between two configs it takes no commands."""
 _PAUSE_S = 0.05
+"""Between two questions whether a daemon is there, or has ended."""
 _TIMEOUT_S = {"reload": 75.0, "stop": 2.0}
 """More than a check of a config may take; a stop that is late is asked for again."""
 _USUAL_TIMEOUT_S = 12.0

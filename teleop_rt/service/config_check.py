@@ -19,6 +19,7 @@ LONGEST_S = 60.0
 MOST_BYTES = 2 << 30
 """Of address space; the check of a shipped trial needs less than half of it."""
 LONGEST_ANSWER = 20_000
+"""Bytes read of what a check prints."""
 ENDED_FIRST = "1000"
 """The kernel's word (proc(5), oom_score_adj) for what it ends first where memory runs out."""
 

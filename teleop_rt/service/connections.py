@@ -14,9 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 LONGEST_REQUEST = 4096
+"""Bytes of a request; a longer one is refused."""
 POLL_S = 0.002
 """Period at which a request that waits for the loop is checked."""
 _CLIENT_TIMEOUT_S = 2.0
+"""Time for a client to send its request: then its place is given to others."""
 MOST_CLIENTS = 200
 """Below the usual limit of 1024 descriptors; beyond it one of whoever has most is dropped."""
 _TURN_S = 0.002

@@ -18,6 +18,7 @@ from teleop_rt.slave.faults import INTERNAL, NO_FAULT, State
 from teleop_rt.slave.slave import Slave
 
 _SETTLING_TICKS = 50
+"""Ticks of stop commands after the end was asked for."""
 
 
 class Daemon:

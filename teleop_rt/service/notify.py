@@ -13,6 +13,7 @@ import time
 from collections.abc import Mapping
 
 _FEEDS_PER_TIMEOUT = 4
+"""Feeds of the watchdog in its period: systemd recommends every half."""
 _STANDSTILL_US = 300_000_000
 """Longest duration of a start: TimeoutStartSec of the unit."""
 

@@ -30,6 +30,7 @@ CHOSEN = "TELEOP_RT_RUN_DIR"
 _SERVICE = Path("/run/teleop-rt")
 _LOCKS = Path("/run/lock")
 _LONGEST_NAME = 60
+"""Characters of a rig's name in the path of a socket, which may have 108."""
 _SESSIONS = "teleop-rt-"
 _NO_COMMANDS = "takes-no-commands"
 

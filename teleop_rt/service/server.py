@@ -25,6 +25,7 @@ from teleop_rt.service.mailbox import Command, CommandBox, Reply
 from teleop_rt.service.status import DESCRIPTION, PROBLEM, SLAVE_RING, read_status
 
 _ANSWER_TIMEOUT_S = 10.0
+"""Longest wait for the loop to execute a command."""
 _NO_ANSWER = "the loop does not answer: it hangs, or is being stopped"
 _COMMANDS = {command.name.lower(): command for command in Command if command is not Command.NONE}
 _SENTENCES = {

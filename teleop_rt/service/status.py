@@ -26,6 +26,7 @@ PROBLEM = "problem.txt"
 SLAVE_RING = "slave.ring"
 _NO_RECORDER: dict[str, Any] = {"stamp_ns": None, "dropped": {}, "alarm": ""}
 _SILENT_S = 3.0
+"""Age of the newest tick from which the loop is reported as silent."""
 _SHOWN = ("position", "force", "in_contact", "surface", "command", "missing")
 _LINK_COUNTS = ("packets_received", "packets_lost", "packets_rejected", "followings", "holds")
 _COLUMN = columns(SLAVE)

@@ -20,6 +20,7 @@ FELT_SHARE = 0.02
 """A change of less than this share of the range of the force is not felt, nor is noise."""
 NEW, SENT = range(2)
 NO_MODEL = -1.0
+"""Code of a wall before the first model was sent."""
 N_WALL = AMPLITUDES + MOST_EFFECTS
 POSITION, VELOCITY, TERMS = range(3)
 N_SEEN = TERMS + MOST_EFFECTS

@@ -9,6 +9,7 @@ from teleop_rt.jit import kernel
 from teleop_rt.slave.record import Tick, TickRecord
 
 _SAME_POSITION = 1e-12
+"""Distance [rig unit] below which the goal is reached; rounding of doubles is smaller."""
 
 
 @kernel

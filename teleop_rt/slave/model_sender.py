@@ -21,7 +21,9 @@ from teleop_rt.slave.depth import LINEAR
 from teleop_rt.slave.record import TickRecord, place
 
 _EVERY_TICKS = 10
+"""Ticks between two looks at the model, where a deadband decides what is sent."""
 _NOISE_FACTOR = 2.0
+"""Deviations of noise that a difference of two walls must exceed to be felt."""
 _MODEL, _MODEL_K, _ADDED = place("model"), place("model_k"), place("model_added")
 _SLOT, _SEQUENCE = sending.place("slot"), sending.place("sequence")
 _MODELS_SENT = sending.place("models_sent")

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 Matrix = NDArray[np.float64]
 
 WINDOW = 32
+"""Motions remembered, on which two walls are compared."""
 MESSAGE, N_WALLS = 2, 3
 """A third wall, beside the new one and the one that the master has now: the one last sent."""
 _HUNT_CROSSLEY = rows.HUNT_CROSSLEY

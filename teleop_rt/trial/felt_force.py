@@ -32,6 +32,7 @@ SIGNALS = (
 )
 """The signals of the master that this needs."""
 _SETTLING_S = 2.0
+"""Time after the first model before the felt force is judged, beside the round trip."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,11 @@ from teleop_rt.trial.sides import (
 )
 
 _START_NS = 1_000_000_000
+"""Time at which the simulated clock begins: 0 means never in many stamps."""
 _DRAIN_EVERY_STEPS = 200
+"""Steps after which rings are written to the recording."""
 _SETTLING_TICKS = 50
+"""Ticks at the end in which the axis stops, as a daemon's."""
 
 
 OpenLink = Callable[[TrialConfig, Callable[[], int]], tuple[Endpoint, Endpoint]]

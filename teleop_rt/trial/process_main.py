@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from teleop_rt.master.build import OpenDevice
 
 MASTER_PRIORITY, RIG_PRIORITY = 50, 55
+"""SCHED_FIFO priorities of master and simulated rig, where the system grants them."""
 
 ShouldStop = Callable[[], bool]
 OpenAxis = Callable[[Callable[[], int]], Axis]

@@ -22,8 +22,11 @@ from teleop_rt.service.keeper import in_words, keep
 from teleop_rt.trial.forked import Forked
 
 _READY_TIMEOUT_S = 300.0
+"""Longest wait for a process to be ready: a first run compiles its kernels in it."""
 END_TIMEOUT_S = 10.0
+"""Longest wait for a process to end by itself."""
 _POLL_S = 0.2
+"""Time between two looks at the processes."""
 _KEEPER = "teleop_rt.service.keeper"
 _RECORDER = "teleop_rt.trial.recorder_main"
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}

@@ -18,7 +18,9 @@ from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import RECORDING
 
 _PERIOD_S = 0.05
+"""Time between two writes; the rings hold far more."""
 _POLL_S = 0.01
+"""Between two reads of a session that is not described yet."""
 
 
 def main(arguments: Sequence[str]) -> None:

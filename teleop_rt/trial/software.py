@@ -12,6 +12,7 @@ from pathlib import Path
 from teleop_rt import __version__
 
 _TIMEOUT_S = 5.0
+"""Longest wait for git, which names the commit."""
 
 
 def software() -> dict[str, str | None]:

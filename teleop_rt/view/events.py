@@ -10,6 +10,7 @@ from teleop_rt.view.quantities import small_position, stiffness_units
 from teleop_rt.view.style import number
 
 _MOST = 200
+"""Lines of a page's table."""
 
 
 Words = Callable[[Mapping[str, Any], Units], str]

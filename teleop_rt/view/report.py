@@ -19,6 +19,7 @@ from teleop_rt.view.run_folder import Run, selected_row
 
 REPORT = "report.html"
 _UNKNOWN_CUTOFF_HZ = 60.0
+"""Of the force's filter in figures of runs whose trial names none."""
 
 
 def write_report(run: Run) -> Path:

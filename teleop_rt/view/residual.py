@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LAGS = 20
+"""Lags of the autocorrelation in the test for whiteness."""
 EXPLAINED, INADEQUATE = "explained by the model", "model inadequate"
 _MISSING = "; an effect is missing: run teleop-rt diagnose"
 _LEAST = 4 * LAGS

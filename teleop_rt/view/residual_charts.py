@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 _MOST_POINTS = 4000  # of a cloud: more only darken it
 _BINS = 80
+"""Of the histogram of a residual."""
 _SEGMENT = 2048  # samples of a spectrum's segment
 _LOOKS: Mapping[str, tuple[str, Style]] = {
     "before": (VERMILLION, "dashed"),

@@ -22,8 +22,11 @@ from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.style import model_name, parameter
 
 _RENEW_S = 0.25
+"""Between two renewals of the line on a terminal."""
 _LINE_EVERY_S = 5.0
+"""Between two lines where the output is no terminal."""
 _WINDOW_S = 1.0
+"""Time over which the line's figures are taken."""
 
 
 class RunView:

@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 """Where Linux shows the latency timers of FTDI chips."""
 ASKED_AGAIN, WAIT_S = 3, 0.05
+"""Times that a question is repeated, and the wait for each answer [s]."""
 DELAY_STEP_US = 2.0
 """Unit of both makers' return delay."""
 WATCHDOG_FIRMWARE = 38
+"""First firmware of a Dynamixel that has the bus watchdog."""
 MULTI_TURN, STEPS_PER_S = 0x10, 0x04
 """Bits of a Feetech's phase byte."""
 

@@ -30,6 +30,7 @@ Vector = NDArray[np.float64]
 LARGEST_LAG_MS = 4.0
 """Of a drivetrain's key."""
 STEP_MS = 0.05
+"""Grid of the lags that are tried; a parabola refines the best one."""
 PRESSED_SHARE = 0.2
 """Of the largest force: above it the tool surely presses, whatever the mass took in free air."""
 SMOOTHED_NS = 16_000_000

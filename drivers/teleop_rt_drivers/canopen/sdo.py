@@ -21,8 +21,11 @@ if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
 BOOT_UP = 0x700
+"""COB-ID of a boot-up message, plus the node's id (CiA 301)."""
 SDO_ABORT = 0x80
+"""Command byte of an SDO abort (CiA 301)."""
 MOST_DISCARDED = 10_000
+"""Old frames dropped before a question: a bus that never falls silent must not hold it up."""
 
 
 class ConfigurationBus:

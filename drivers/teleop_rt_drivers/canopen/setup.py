@@ -17,11 +17,16 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.node_config import ForceConfig, NodeConfig, Resolution
 
 NMT = 0x000
+"""COB-ID of network management; its commands follow (CiA 301)."""
 START, STOP_NODE, PRE_OPERATIONAL, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
 PDO_INVALID = 1 << 31
+"""Bit of a COB-ID that switches a PDO off (CiA 301)."""
 PDOS_PER_PROFILE = 4
+"""PDOs of each kind that are disabled: CiA 301's default mappings have four."""
 BOOT_TIMEOUT_S = 2.0
+"""Longest time from a reset to the boot-up message."""
 MOST_TORQUE = 2**15 - 1
+"""Largest value of 6072h that is written: the target torque 6071h is a signed word."""
 PROCESS_VALUE, UNIT, DIGITS = 0x9130, 0x6131, 0x6132
 """CiA 404: the input's value, its physical unit, its decimal digits."""
 NEWTON = 0x00210000

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.config import CanopenPart
 
 ANSWER_WAIT_S = 0.01
+"""Wait for an answer to each question of a scan."""
 READ_DEVICE_TYPE = bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0))
 SDO_REQUEST, SDO_ANSWER = 0x600, 0x580
 NODES = range(1, 128)
 IDENTITY = {1: "vendor", 2: "product", 3: "revision"}
 MOST_NAMED = 6
+"""Errors printed one by one; of more, the rest is an ellipsis."""
 FIXED = (0x1000, 0x1018)
 """Objects whose EDS value the device must have."""
 

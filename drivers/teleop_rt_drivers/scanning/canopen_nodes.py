@@ -22,6 +22,7 @@ PROFILES = {402: "drive", 406: "encoder", 404: "force"}
 """Section of the rig's file, by the profile in the low word of 1000h."""
 OWN_ID = 127
 ANSWER_S = 0.3
+"""Longest wait for an SDO answer; a node answers within milliseconds."""
 KEYS = {"vendor": "0x1018:1", "product": "0x1018:2"}
 
 

@@ -21,6 +21,7 @@ FEETECH_BAUDS = (1_000_000, 500_000, 115_200)
 ALL_ANSWER_S = 0.4
 """Until the last of 253 has answered a ping to all: 3 ms each at worst, most need less."""
 ONE_ANSWERS_S = 0.005
+"""Wait for one servo's answer to a ping."""
 FEETECH_IDS = range(254)
 
 

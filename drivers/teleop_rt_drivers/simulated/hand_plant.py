@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.transport import TransportTimes
 
 DRIVE_STEP = 1e-6
+"""Resolution of the handle's drive [rig unit]."""
 NOWHERE = 1e3
 """There is no wall at the operator's side but the one that is rendered."""
 HISTORY_NS = 50_000

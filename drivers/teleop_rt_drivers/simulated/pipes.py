@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 QUEUE_BYTES = 1 << 16
+"""Room of one direction: what does not fit is lost, as behind a full serial buffer."""
 
 
 class PipeStream:

@@ -15,6 +15,7 @@ from teleop_rt_drivers.simulated.hidden_motion import force_along
 
 Array = NDArray[np.float64]
 _STEP_S = 5e-5
+"""Largest step of the integration, that of the simulated plant."""
 _EFFECTS: TypeAdapter[tuple[HiddenEffectConfig, ...]] = TypeAdapter(tuple[HiddenEffectConfig, ...])
 
 

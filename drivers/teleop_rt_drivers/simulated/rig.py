@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 IDLE_ADVANCE_NS = 5_000_000
 """Without SYNC the plant still runs on, in spans of this length."""
 SERVE_WAIT_NS = 5_000_000
+"""Longest wait before the rig looks whether it is to end."""
 FAULTS = tuple(
     dict.fromkeys((*LASTING, *SINGLE, *BYTE_FAULTS, "unplug", *FRAME_FAULTS, *DRIVE_FAULTS))
 )

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
 WATCHDOG_NS = 60_000_000
+"""Silence after which the drive stops by itself."""
 DECELERATION = 30.0
 """Of a stop [rig unit/s2]."""
 OFF, FOLLOW, STOP = 0, 1, 2

@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
 NOMINAL_PERIOD_NS = 12_500_000
+"""80 conversions a second, a load cell's usual rate."""
 OSCILLATOR_ERROR = 0.008
 """Its rate is lower than 80 Hz by this share: 79.4 Hz."""
 SETTLING_PERIODS = 4
+"""Order of its sinc filter: a step is complete after so many conversions."""
 SENDING_NS = (600_000, 1_400_000)
 """Time from the end of a conversion until its line has arrived, uniform between the two."""
 FORCE_PER_COUNT = 2.0e-4

@@ -17,6 +17,7 @@ from tornado.web import Application, RequestHandler, StaticFileHandler
 MOST_ASKING = 200
 """Connections that ask for something; with as many lines, below the usual 1024 descriptors."""
 LONGEST_REQUEST = 16 << 10
+"""Bytes of a request's header."""
 WHOLE_WITHIN_S = 10.0
 """A request that has not come by then is dropped, and so is a connection that asks nothing more."""
 LONGEST_MESSAGE = 1024

@@ -16,6 +16,7 @@ from teleop_rt.view.live.source import announce, open_source
 
 _HOST = "127.0.0.1"
 _WINDOW_S = 10.0
+"""Time shown."""
 
 
 def live(recording: Path | None, beside: int | None, host: str, port: int) -> None:

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 
 SHOWN_HZ = 100.0
+"""Points a second of a curve; faster ones are thinned."""
 PARAMETERS_HZ = 20.0
 """So many rows a second are sent on: a plot of ten seconds is about a thousand pixels wide, and
 parameters move slowly."""
@@ -72,7 +73,9 @@ _JUDGED = {
 }
 """Columns of a row that are kept: copying all fifty would occupy a core."""
 _JUDGED_S = 10.0
+"""Time over which the residual is judged."""
 _MOST_PIECES = 100
+"""Pieces that wait before they are joined."""
 
 
 class Window:

@@ -15,6 +15,7 @@ from teleop_rt.view.live.feed import SHOWN_HZ, Columns, Thinner
 from teleop_rt.view.live.source import announce, open_source
 
 _POLL_S = 0.04
+"""Between two reads of the rings, 25 times a second."""
 
 
 def bridge_to_foxglove(recording: Path | None, host: str, port: int) -> None:

@@ -30,6 +30,7 @@ _TOPICS = {"slave": "/slave", "residual": "/slave", "master": "/master"}
 _ESTIMATE = "estimate "
 """Name of the source of an estimator's parameters, before the number of its row."""
 _LEAST_MM = 1.0
+"""Least height of the position's axis, so that noise at rest does not fill it."""
 _WIDEST = 0.1
 """Edges of a band wider than this share of its value do not stretch the axis: how the value moves
 would be hidden. The band itself is always drawn whole."""

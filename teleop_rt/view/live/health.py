@@ -20,6 +20,7 @@ from teleop_rt.view.style import counted
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 _STALE_S = 1.0
+"""Age of the newest sample from which the page reports it."""
 NO_TICK = "no tick of the slave yet"
 FROZEN, DECLUTCHED = "link: frozen", "link: declutched"
 _COUNTS = (

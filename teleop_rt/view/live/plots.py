@@ -25,6 +25,7 @@ from teleop_rt.view.style import (
 )
 
 MOST_PARAMETERS = 3
+"""Parameters with a plot of their own: k, b and n."""
 _PARAMETER = ("p", "low", "high", "low_edge", "high_edge")
 SOURCES: Mapping[str, tuple[str, ...]] = {
     "slave": (

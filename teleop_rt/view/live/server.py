@@ -24,11 +24,13 @@ from teleop_rt.view.live.page import page
 from teleop_rt.view.style import DARK, LIGHT
 
 FRAME_MS = 40
+"""Between two frames of the page, 25 a second."""
 FULL_RATE_BROWSERS = 20
 """So many browsers get every frame; what that takes is shared out where more of them look."""
 MOST_BROWSERS = 200
 """Beyond them the longest without an interest makes room: one that does not read, or the first."""
 _JUDGE_MS = 200
+"""Between two judgements of the residual."""
 _WISH_MS = 100
 """Period at which wishes for a playback are fulfilled: to seek is to read a part of the file."""
 _WISHES = ("play", "speed", "loop", "seek")
