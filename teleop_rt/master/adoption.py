@@ -146,6 +146,13 @@ class Adoption:
         self.new = replace(self.new, surface=self.new.surface + distance)
         self._waiting = None
 
+    def reflect(self, wall: Wall, position: float, force: float) -> None:
+        """Render a wall alone, moved to where its spring gives a force, a step nearer at most."""
+        felt = self.elastic_force(position)
+        change = within(within(force, self._force_max) - felt, self._force_step)
+        self.drop()
+        self.old = self.new = replace(wall, surface=position - (felt + change) / wall.k)
+
     def move(self, position: float, dt_s: float, most_W: float) -> float:
         """Let the surfaces move for a tick; return what energy [J] they put into the springs.
 

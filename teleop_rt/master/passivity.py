@@ -149,6 +149,7 @@ class PassivityBound:
 
     def __init__(self, port: Port) -> None:
         self.available = port.damping
+        self._scale = port.position_scale * port.force_scale
         self._late_s = port.delay_s + 0.5 * port.period_s
         needs = _needs(port)
         within = damping_within if np.any(needs[0][_RE:]) else damping_within_alike
@@ -162,6 +163,10 @@ class PassivityBound:
     def stiffness_max(self) -> float:
         """The stiffest wall without damping that the device can render."""
         return self.available / self._per_stiffness
+
+    def stiffness_max_later(self, later_s: float) -> float:
+        """Return the stiffest spring whose force comes later than the device's own by so much."""
+        return self.available / (self._per_stiffness + self._scale * later_s)
 
     @property
     def stiffest(self) -> float:

@@ -28,8 +28,9 @@ STATES_AT_REST = 10
 class Provisional:
     """Follows the states of a touch; `rise` is the least force over which a slope is taken.
 
-    It is also a margin by which the wall may exceed a force measured at rest. Slopes are taken on
-    the way in alone: on the way out damping has the other sign.
+    `wall` is what is known of it, `slope` what was measured last, 0 before that. The rise is also
+    a margin by which the wall may exceed a force measured at rest. Slopes are taken on the way in
+    alone: on the way out damping has the other sign.
     """
 
     def __init__(self, stiffness: float, rise: float) -> None:
@@ -40,15 +41,15 @@ class Provisional:
         """Forget the touch."""
         self._met: StateMessage | None = None
         self._deepest, self.gives_way = 0.0, False
-        self._wall = Wall(math.inf, self._soft)
+        self.wall, self.slope = Wall(math.inf, self._soft), 0.0
         self._places: deque[float] = deque(maxlen=STATES_AT_REST)
 
     def begin(self, surface: float, state: StateMessage) -> Wall:
         """Return the wall of a new touch, at a surface."""
         self.reset()
         self._met = state if state.in_contact else None
-        self._wall = Wall(surface, self._soft)
-        return self._wall
+        self.wall = Wall(surface, self._soft)
+        return self.wall
 
     def update(self, state: StateMessage) -> Wall | None:
         """Return the wall that a newer state shows, None where it is about the same.
@@ -61,22 +62,23 @@ class Provisional:
         met = self._met = self._met or state
         self._places.append(state.position)
         deeper, rise = state.position - met.position, state.force - met.force
-        known, slope = self._wall, rise / deeper if deeper > 0.0 else 0.0
+        known, slope = self.wall, rise / deeper if deeper > 0.0 else 0.0
         goes_on = deeper > self._deepest and rise >= self._rise
         self._deepest = max(self._deepest, deeper)
+        self.slope = slope if goes_on else self.slope
         if goes_on and not known.k / NEWS <= slope <= known.k * NEWS:
-            self._wall = Wall(met.position - max(0.0, met.force) / slope, slope)
-        promised = self._wall
-        self._wall = self._supported(state, met)
-        self.gives_way = promised is known and self._wall is not known
-        return self._wall if self._wall is not known else None
+            self.wall = Wall(met.position - max(0.0, met.force) / slope, slope)
+        promised = self.wall
+        self.wall = self._supported(state, met)
+        self.gives_way = promised is known and self.wall is not known
+        return self.wall if self.wall is not known else None
 
     def _supported(self, state: StateMessage, met: StateMessage) -> Wall:
         """Return the wall, moved or else softened where it exceeds the force of a state.
 
         It is not moved behind the place where the touch was met.
         """
-        wall, felt = self._wall, max(0.0, state.force)
+        wall, felt = self.wall, max(0.0, state.force)
         moved = max(self._places) - min(self._places)
         at_rest = len(self._places) == STATES_AT_REST and wall.k * moved <= self._rise
         if not at_rest or wall.elastic_force(state.position) <= NEWS * felt + self._rise:

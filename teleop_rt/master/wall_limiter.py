@@ -99,6 +99,10 @@ class WallLimiter:
         """The stiffest wall without damping that can be rendered, known before any wall is."""
         return self._bound.stiffness_max
 
+    def stiffness_max_later(self, later_s: float) -> float:
+        """Return the stiffest wall whose force may come later than a rendered one's by so much."""
+        return self._bound.stiffness_max_later(later_s)
+
     def apply(self, wall: Wall) -> Wall:
         """Return the wall as it may be rendered: the same, or softer and less damped."""
         stiffness, damping = largest_slopes(wall, self._force_max, self._velocity_max)
