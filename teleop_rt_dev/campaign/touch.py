@@ -1,6 +1,6 @@
 """The first touch by each mode: what is felt in the half second in which the wall is unknown.
 
-    scripts/campaign touch [--round-trips MS ...] [--seconds S]
+    scripts/campaign touch [--round-trips MS ...] [--seconds S] [--set KEY=VALUE ...]
     scripts/campaign touch --leash [--round-trips MS ...]
 
 The shipped handle approaches the silicone cube, by a rendered model and by the modes that need
@@ -33,7 +33,7 @@ from teleop_rt_dev.paths import TRIALS
 
 TRIAL = TRIALS / "handle.yaml"
 MODES = ("model-mediated", "direct", "tdpa", "four-channel")
-ROUND_TRIPS_MS, LEASH_ROUND_TRIPS_MS = (0.0, 10.0, 50.0), (150.0, 500.0, 2000.0)
+ROUND_TRIPS_MS, LEASH_ROUND_TRIPS_MS = (0.0, 5.0, 10.0, 20.0, 50.0), (150.0, 500.0, 2000.0)
 LEASHES = {"leash": (), "none": ("master.leash_force_N=0",)}
 LONGEST_S = 3.0
 WINDOW, TOUCH_N, FELT_N = 500, 0.4, 0.5
@@ -43,10 +43,12 @@ _MOTOR, _GIVEN = 4, 5
 Rows = NDArray[np.float64]
 
 
-def run(mode: str, round_trip_ms: float, seconds: float) -> tuple[Rows, Rows]:
+def run(
+    mode: str, round_trip_ms: float, seconds: float, others: Sequence[str] = ()
+) -> tuple[Rows, Rows]:
     """Return the rows of HANDLE_TRUTH and the tool's force (n,) of every tick."""
     changes = [f"mode={mode}", f"link.round_trip_ms={round_trip_ms}", f"duration_s={seconds}"]
-    changes += ["link.jitter_ms=0", "link.loss=0"]
+    changes += ["link.jitter_ms=0", "link.loss=0", *others]
     trial = load_trial_file(TRIAL, changes)
     rows, tool_N = [], []
     with tempfile.TemporaryDirectory() as name:
@@ -119,6 +121,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="teleop-rt-dev campaign touch", description=__doc__)
     parser.add_argument("--round-trips", type=float, nargs="+", default=None)
     parser.add_argument("--seconds", type=float, default=2.0)
+    parser.add_argument("--set", nargs="+", default=[], help="changes of the trial")
     parser.add_argument("--leash", action="store_true", help="the approach with leash and without")
     chosen = parser.parse_args(arguments)
     if chosen.leash:
@@ -128,7 +131,7 @@ def main(arguments: list[str]) -> int:
     print("| --- | --- | --- | --- | --- | --- |")
     for round_trip_ms in chosen.round_trips or ROUND_TRIPS_MS:
         for mode in MODES:
-            found = measures(*run(mode, round_trip_ms, chosen.seconds))
+            found = measures(*run(mode, round_trip_ms, chosen.seconds, chosen.set))
             cells = " | ".join(f"{value:.3g}" for value in found)
             print(f"| {round_trip_ms:g} | {mode} | {cells} |", flush=True)
     return 0
