@@ -10,7 +10,7 @@ from typing import Any
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
-from teleop_rt_dev.docs import keys, reference
+from teleop_rt_dev.docs import example, keys, reference
 from teleop_rt_dev.paths import ROOT
 
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
@@ -32,8 +32,9 @@ def on_files(files: Any, config: Any) -> Any:
 
     A page replaces the one in the tree, which only refers those who read the source to it.
     """
-    for name, page in reference.pages().items():
-        path = f"reference/{name}.md"
+    pages = {f"reference/{name}.md": page for name, page in reference.pages().items()}
+    pages["example.md"] = example.page(ROOT / "docs" / "example.ipynb")
+    for path, page in pages.items():
         if (in_tree := files.get_file_from_path(path)) is not None:
             files.remove(in_tree)
         files.append(File.generated(config, path, content=page))

@@ -175,8 +175,18 @@ def test_the_site_fetches_nothing_and_holds_what_the_code_and_the_readme_say(sit
     assert "<td>default trial (12 ± 8 mm), 20 seeds" in measured
     assert "README:" not in measured
     assert "<math" in (site / "theory" / "rendering.html").read_text()
-    for name in ("yaml", "faults", "effects"):  # the tree's own page only refers to this one
-        assert "makes this page" not in (site / "reference" / f"{name}.html").read_text()
+    for name in ("reference/yaml", "reference/faults", "reference/effects", "example"):
+        # The tree's own page only refers to this one.
+        assert "makes this page" not in (site / f"{name}.html").read_text()
+
+
+def test_the_example_shows_the_cells_of_the_notebook_and_their_outputs(site):
+    text = (site / "example.html").read_text()
+    assert "teleop_rt" in text
+    assert "diagnose" in text
+    assert "<caption>arrays: named</caption>" in text, "the table of the diagnosis"
+    assert "a spring alone: " in text, "what a cell printed"
+    assert 'src="data:image/png;base64,' in text, "its figure"
 
 
 _NOT_REACHED = """
