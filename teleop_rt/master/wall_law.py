@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from teleop_rt.contact.law import damping_at, depth_of, spring_force
+from teleop_rt.contact.law import damping_at, depth_of, spring_force, touches
 from teleop_rt.jit import kernel, shared
 
 _LARGEST_LOGARITHM = 700.0
@@ -57,7 +57,7 @@ def elastic(law: DepthLaw, x: float) -> float:
     """Return the force of the spring, which outside is none, or that of a bilateral wall."""
     if law.bilateral:
         return law.offset + law.k * x
-    return spring(law, x) if x > 0.0 else 0.0
+    return spring(law, x) if touches(x) else 0.0
 
 
 @shared
@@ -135,7 +135,7 @@ def felt(
     force = 0.0
     if law.bilateral:
         force = damped(law, x, velocity)
-    elif x > 0.0:
+    elif touches(x):
         force = max(0.0, damped(law, x, velocity))
     spring_N = within(elastic(law, x), force_max)
     return within(force, force_max), spring_N, stored(law, x, force_max)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
+from teleop_rt.contact.law import touches
 from teleop_rt.link.messages import ModelMessage
 from teleop_rt.master.rendered_effects import RenderedEffect
 from teleop_rt.master.wall_law import DepthLaw, damped, elastic, knee_of, stored, stretch_of
@@ -96,7 +97,7 @@ class Wall:
         """Return the force of the spring alone, and of the springs within the effects."""
         x = position - self.surface_now
         force = elastic(self.law, x)
-        if x > 0.0:
+        if touches(x):
             for t in self.terms:
                 if not t.memory.moves and t.memory.in_contact:
                     force += t.amplitude * t.memory.value_at(x)
@@ -123,7 +124,7 @@ class Wall:
         if not self.holds(position):
             return 0.0
         x = position - self.surface_now
-        if x <= 0 and not self.bilateral:
+        if not (touches(x) or self.bilateral):
             return self.pull
         force = damped(self.law, x, velocity)
         if not self.terms:

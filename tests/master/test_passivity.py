@@ -174,6 +174,18 @@ def test_a_wall_beyond_the_bound_gives_back_the_damping_that_its_latency_takes(
     assert shallow / 1e-6 >= 0.99 * taken
 
 
+@pytest.mark.parametrize("power", [0.0, 1.2])
+def test_damping_that_calms_a_wall_is_reported_as_rendered_beyond_the_true_one(
+    power: float,
+) -> None:
+    wall = Wall(0.0, 6e4 if power else 20_000.0, 0.0, 1.2 if power else 1.0)
+    limiter = WallLimiter(late_port(12.0, 0.001), 100.0, 1.5)
+    rendered = limiter.apply(replace(wall, damping_power=power))
+    bound = limiter.rendered_bound
+    assert bound.true_damping == rendered.b == 0.0
+    assert bound.rendered_damping == rendered.calming > 0.0
+
+
 @pytest.mark.parametrize(("device", "delay_s"), LATE)
 def test_damping_makes_no_step_where_an_estimate_crosses_the_bound(
     device: float, delay_s: float

@@ -5,13 +5,14 @@ from __future__ import annotations
 from math import exp
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.jit import kernel
 
 
 @kernel
 def _touch(state: Vector, x: float, reach: float) -> None:
     """Note in state[0] whether the tool has touched and not yet gone beyond `reach` [rig unit]."""
-    if x > 0.0:
+    if touches(x):
         state[0] = 1.0
     if x < -reach:
         state[0] = 0.0
@@ -21,7 +22,7 @@ def _touch(state: Vector, x: float, reach: float) -> None:
 def _bridge(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     """Pull the tool back after a contact until the bridge of this range breaks."""
     _touch(state, x, eta[0])
-    if x > 0.0:
+    if touches(x):
         return 0.0
     return float(-state[0] * (1.0 - min(-x / eta[0], 1.0) ** eta[1]))
 
@@ -33,7 +34,7 @@ def _neck(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta:
     Its force rises from nothing as it is stretched, unlike a bridge's, and is 1 at its largest.
     """
     _touch(state, x, eta[0])
-    if x > 0.0:
+    if touches(x):
         return 0.0
     rise, fall = eta[1], eta[2]
     stretch, widest = min(-x / eta[0], 1.0), rise / (rise + fall)

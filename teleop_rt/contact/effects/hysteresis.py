@@ -6,6 +6,7 @@ from functools import partial
 from math import exp, tanh
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.jit import kernel
 
 _SLIDERS = 6
@@ -16,7 +17,7 @@ def _bouc_wen(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     """Advance z' = v/d (1 - |z|^n (1 + sgn(v z))/2), Bouc-Wen with beta = gamma = 1/2."""
-    if x > 0.0:
+    if touches(x):
         steps = 1 + int(min(abs(v) * dt / (0.2 * eta[0]), 20.0))
         h = v * dt / (eta[0] * steps)
         for _ in range(steps):
