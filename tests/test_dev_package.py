@@ -101,7 +101,9 @@ def test_the_path_to_a_tick_is_printed_for_whoever_asks_and_written(monkeypatch,
     lines = path.picture().splitlines()
     assert lines[0].split()[:2] == ["run", "cli/running.py"]
     assert lines[-1].split()[:2] == ["Slave.cycle", "slave/slave.py"]
-    assert lines[-1].endswith("_hold_clock, _act, _note_fault, _write_row")
+    assert lines[-1].endswith(
+        "_take_in, _decide, _advance_zeros, _hold_clock, _act, _note_fault, _write_row"
+    ), "also a kernel that the object holds, where the decisions are made"
 
 
 def test_a_path_that_the_code_does_not_take_is_refused(monkeypatch):

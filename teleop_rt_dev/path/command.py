@@ -79,9 +79,17 @@ def _summary(function: Function) -> str:
 
 
 def _phases(step: Step) -> list[str]:
-    """Return the methods of its own class that a method calls, each once, in order."""
-    owner, known = step.name.partition(".")[0], _functions(step.file)
-    return [n for n in dict.fromkeys(_mentioned(_function(step))) if f"{owner}.{n}" in known]
+    """Return what a method calls of its own object, each once, in order."""
+    calls = [one.func for one in ast.walk(_function(step)) if isinstance(one, ast.Call)]
+    own = [
+        one
+        for one in calls
+        if isinstance(one, ast.Attribute)
+        and isinstance(one.value, ast.Name)
+        and one.value.id == "self"
+    ]
+    own.sort(key=lambda one: (one.lineno, one.col_offset))
+    return list(dict.fromkeys(one.attr for one in own))
 
 
 def picture() -> str:
