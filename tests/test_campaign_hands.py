@@ -60,6 +60,18 @@ def trial_of(number):
     return campaign_hands.load_trial_file(campaign_hands.TRIAL, drawn.changes)
 
 
+@pytest.mark.parametrize(
+    ("share", "lasts", "kept"), [(1.05, 10, True), (1.05, 11, False), (1.2, 1, False)]
+)
+def test_a_tool_may_pass_its_cap_by_a_tenth_and_for_two_reversals(share, lasts, kept):
+    over = np.zeros(1000, dtype=bool)
+    over[100 : 100 + lasts] = over[500:503] = True
+    lasted_ms = campaign_hands.longest_ms(over, 1000)
+    assert lasted_ms == max(lasts, 3)
+    found = {"tool_over_cap": share, "tool_over_cap_ms": lasted_ms}
+    assert campaign_hands.tool_is_kept(found) is kept
+
+
 def test_every_kind_of_wall_and_holding_is_drawn_and_loads():
     drawn = [campaign_hands.draw(number, 5.0) for number in range(60)]
     assert {one.kind for one in drawn} == set(campaign_hands.KINDS)
