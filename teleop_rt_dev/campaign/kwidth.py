@@ -25,11 +25,14 @@ from numpy.typing import NDArray
 
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.config_operator import DeviceOperator
+from teleop_rt.config_rig import RigConfig
 from teleop_rt.jit import kernel
 from teleop_rt.master.build import make_port
 from teleop_rt.master.passivity import PassivityBound, Port
 from teleop_rt_dev.hands import best_wall
+from teleop_rt_dev.hands.drawn import HANDLES
 from teleop_rt_dev.paths import TRIALS
+from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
 from teleop_rt_drivers.operator_device import simulated_device
 
 Vector = NDArray[np.float64]
@@ -47,7 +50,6 @@ QUIET_M, DECAY, MOST_M = 5e-5, 0.95, 1.0
 """Peak to peak of a handle at rest in the last of four windows, or over the window before."""
 MOST_N_PER_M, ACCURACY = 2e5, 0.02
 PLAIN, TEXTBOOK = 0, 1
-SHIPPED = ("handle.yaml", "serial_handle.yaml")
 CUBE_N_PER_M = 3600.0
 ALPHA_MAX = 200.0
 """Most damping of the textbook's controller [N s/m]: half of what a sampled 0.2 kg can take."""
@@ -119,19 +121,27 @@ def row(damping: float, latency_s: float) -> dict[str, float]:
     }
 
 
-def shipped(file: str) -> dict[str, Any]:
+def answers_late(axis: object, rig: RigConfig) -> bool:
+    """Return whether a drive answers commands, so that a sample is that of the last command."""
+    return isinstance(axis, ActuatorDeviceConfig) and axis.drive.codec(rig).asks
+
+
+def shipped(handle: str) -> dict[str, Any]:
     """Return what a shipped handle renders, and the optimum for what its plant is."""
-    trial = load_trial_file(TRIALS / file, [])
+    changes = [f"operator.rig=../rigs/simulated_{handle}.yaml"]
+    trial = load_trial_file(TRIALS / "handle.yaml", changes)
     operator, period_s = trial.operator, 1.0 / trial.master.rate_hz
     assert isinstance(operator, DeviceOperator)
     axis, _, plant = simulated_device(operator, lambda: 0, 1)
     port = make_port(trial.master, period_s, operator, axis.timing)
     bound, body = PassivityBound(port), plant.body
     latency_s = 1e-9 * (plant.sample_age_ns + plant.command_delay_ns)
+    if answers_late(operator.rig.axis, operator.rig):
+        latency_s += period_s
     motor = (period_s, latency_s, 1.0 / (2 * math.pi * body.force_bandwidth_hz))
     most_B = best_wall.most_damped(body.damping, CUBE_N_PER_M, port.cutoff_hz, *motor)
     return {
-        "handle": file.removesuffix(".yaml"),
+        "handle": handle,
         "damping_N_s_per_m": body.damping,
         "latency_ms": 1e3 * latency_s,
         "optimum_K": best_wall.stiffest(body.damping, *motor),
@@ -146,7 +156,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
     rows = [row(b, late) for b in (2.0, 8.0) for late in (0.0, 0.45e-3, 1e-3, 2e-3)]
-    optima = [shipped(file) for file in SHIPPED]
+    optima = [shipped(handle) for handle in HANDLES]
     if chosen.json:
         print(json.dumps({"campaign": "kwidth", "rows": rows, "shipped": optima}))
         return 0
