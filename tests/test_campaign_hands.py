@@ -247,7 +247,7 @@ def rendered_path(surfaces):
     path = same_hand.Rendered()
     for surface in surfaces:
         wall = Wall(float(surface), 3000.0, 5.0)
-        path.ticks.append(same_hand.Tick(wall, wall, 1.0, 0.0, np.inf))
+        path.ticks.append(same_hand.TickWalls(wall, wall, 1.0, 0.0, np.inf))
     return path
 
 
