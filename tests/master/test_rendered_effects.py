@@ -101,7 +101,7 @@ def test_an_effect_that_is_not_known_here_is_refused_with_its_wall():
     assert world.master.screening.refused["unknown effect"] >= 1
     wall = world.master.adoption.newest
     assert (wall.b, wall.terms) == (0.0, ()), "a wall of the slave's states, not of the model"
-    measured = K * np.maximum(x, 0.0)
+    measured = np.maximum(K * np.maximum(x, 0.0), world.slave.forces[-x.size :])
     margin = TOUCH_SHARE * CONFIG.force_max
     assert np.all(force <= measured + margin), "no more than the tool has felt there"
     assert force.max() > 0.9 * measured.max()
