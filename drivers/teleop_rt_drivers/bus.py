@@ -19,10 +19,12 @@ from teleop_rt.axis import AxisError
 from teleop_rt.extras import install_command
 from teleop_rt.section import Section
 from teleop_rt_drivers.fdcanusb_bus import FdcanusbBus
+from teleop_rt_drivers.socketcan_bus import DirectSocketcanBus
 from teleop_rt_drivers.unix_bus import UnixBus
 
 UNIX = "unix"
 """Our own interface for several processes of one machine; its channel is a name, or a folder."""
+SOCKETCAN = "socketcan"
 FDCANUSB = "fdcanusb"
 """Interface of mjbots' adapter, which python-can does not know; its channel is a serial port."""
 RECEIVE_BUFFER_BYTES = 4 << 20
@@ -141,7 +143,7 @@ class MulticastBus(UdpMulticastBus):
                 return message
 
 
-STAMPING = (UNIX, "socketcan")
+STAMPING = (UNIX, SOCKETCAN)
 """Interfaces that stamp each frame on arrival, by this machine's clock."""
 NOT_WATCHED = ("gs_usb", "udp_multicast")
 """Interfaces whose frames have neither a stamp of this clock nor a descriptor to wait on."""
@@ -219,6 +221,9 @@ def _of_python_can(config: BusConfig) -> can.BusABC:
         options.pop("fd")  # not every interface of python-can knows the word
     if config.interface == "slcan":
         options["timeout"] = 0  # of its serial port: by default an empty recv(0) waits 1 ms
+    if config.interface == SOCKETCAN and not config.fd:
+        found = can.util.load_config(config=options)
+        return DirectSocketcanBus(**{key: found[key] for key in found if key != "interface"})
     return can.Bus(**options)
 
 
@@ -234,7 +239,7 @@ def _advice(config: BusConfig) -> str:
         )
     if config.interface == UNIX:
         return "where two users share a bus, give `channel` the path of a folder that both may use"
-    if config.interface == "socketcan":
+    if config.interface == SOCKETCAN:
         return (
             f"`ip link set {config.channel or 'can0'} up type can bitrate "
             f"{config.bitrate or 1_000_000}` brings the interface up; `ip link` shows which exist"

@@ -10,8 +10,13 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.jit import bound
+from teleop_rt_drivers.can_door import UNUSUAL, take_packets
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from teleop_rt_drivers.can_door import CanDoor
 
 FRAME = struct.Struct("=IB3x8sQ")
 BARE = struct.Struct("=IB3x8s")
@@ -20,12 +25,10 @@ EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
 LONGEST, LONGEST_WIDE = 8, 64
 UNREADABLE = -1
-_SLOT = struct.Struct(f"{FRAME.format}{WIDE.size - FRAME.size}x")
-"""A frame in the room of the widest one."""
 LENGTH_AT, DATA_AT = 4, 8
 """Bytes of a slot where a frame's length and data are; its id is the first four."""
 Slots = NDArray[np.uint8]
-"""Frames for kernels (frames, WIDE.size): FRAME each in the room of WIDE."""
+"""Frames for kernels (frames, at least BARE.size): each begins as BARE does."""
 _BIT_RATE_SWITCH = 0x01
 _ID = 0xFFFFFFFF
 """The id in a slot without a frame; no frame has it."""
@@ -43,11 +46,14 @@ Outgoing = tuple[int, bytes]
 """Id with SocketCAN's flags, and bytes, of a frame of classic CAN to send."""
 
 
-class _InSlots(Protocol):
-    slots: Slots
+class _WithDoor(Protocol):
+    door: CanDoor
 
-    def take_slots(self) -> int:
-        """Take what has come into `slots`; return -1 where that is for `waiting_frames`."""
+    def is_plain(self) -> bool:
+        """Return whether all that can come now comes by the door."""
+
+    def keep(self) -> None:
+        """Keep what the door received last, which was UNUSUAL, for `waiting_frames`."""
 
 
 class _Batching(Protocol):
@@ -69,25 +75,53 @@ def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[Frame]]:
 
 
 class SlotReader:
-    """Takes the frames that wait at a bus into `slots`, `most` at most; it never raises."""
+    """Takes the frames that wait at a bus into `slots`, `most` at most; it never raises.
+
+    `door` is the bus's, where it has one that kernels receive from themselves.
+    """
 
     def __init__(self, bus: can.BusABC, most: int) -> None:
         self._most = most
-        self._own: Slots = np.zeros((most, WIDE.size), np.uint8)
+        self._own: Slots = np.zeros((most, BARE.size), np.uint8)
         self._memory = self._own.data.cast("B")
         self._waiting_frames = reader_of(bus)
-        self._bus: _InSlots | None = cast("Any", bus) if hasattr(bus, "take_slots") else None
         self._frames: Sequence[Frame] | None = None
         self.slots = self._own
+        self.door: CanDoor | None = None
+        if hasattr(bus, "door"):
+            self._bus: _WithDoor = cast("Any", bus)
+            self.door = self._bus.door
+            self._take = bound(take_packets, self.door.arrays)
+
+    def is_plain(self) -> bool:
+        """Return whether kernels can receive what waits now; if so, `slots` are the door's."""
+        if self.door is None or not self._bus.is_plain():
+            return False
+        self.slots, self._frames = self.door.slots, None
+        return True
+
+    @property
+    def received(self) -> int:
+        """How many frames a kernel received by the door last."""
+        return 0 if self.door is None else self.door.door.frames
 
     def read(self) -> int:
         """Return how many frames have come."""
-        if self._bus is not None and (count := self._bus.take_slots()) >= 0:
-            self.slots, self._frames = self._bus.slots, None
-            return count
+        if not self.is_plain():
+            return self.read_otherwise()
+        count = self._take()
+        return self.read_unusual() if count == UNUSUAL else count
+
+    def read_unusual(self) -> int:
+        """Return how many frames have come, after a kernel that found what is UNUSUAL."""
+        self._bus.keep()
+        return self.read_otherwise()
+
+    def read_otherwise(self) -> int:
+        """Return how many frames have come, without the door."""
         self._frames = frames = self._waiting_frames(self._most)
         for index, (can_id, data, _) in enumerate(frames):
-            _SLOT.pack_into(self._memory, index * WIDE.size, can_id & _ID, len(data), data, 0)
+            BARE.pack_into(self._memory, index * BARE.size, can_id & _ID, len(data), data)
         self.slots = self._own
         return len(frames)
 
@@ -95,7 +129,8 @@ class SlotReader:
         """Return a frame of those read last."""
         if self._frames is not None:
             return self._frames[row]
-        return unpacked(self.slots.data.cast("B"), row * WIDE.size, FRAME.size)
+        size = self.slots.shape[1]
+        return unpacked(self.slots.data.cast("B"), row * size, size)
 
 
 def sender_of(bus: can.BusABC) -> Callable[[Sequence[Outgoing]], None]:
@@ -179,11 +214,11 @@ def packed(message: can.Message, now_ns: int) -> bytes:
     return FRAME.pack(flagged_id(message), message.dlc, message.data, now_ns)
 
 
-def unpacked_plainly(memory: memoryview) -> list[Frame]:
-    """Return the frames that fill memory, FRAME each in the room of WIDE."""
+def unpacked_plainly(data: bytes | memoryview) -> list[Frame]:
+    """Return the frames of a packet of nothing but FRAMEs."""
     return [
         (can_id, content if size >= LONGEST else content[:size], sent_ns)
-        for can_id, size, content, sent_ns in _SLOT.iter_unpack(memory)
+        for can_id, size, content, sent_ns in FRAME.iter_unpack(data)
     ]
 
 

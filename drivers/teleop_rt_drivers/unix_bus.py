@@ -4,7 +4,7 @@ A bus is a folder. Each program on it listens at a socket there and is connected
 one, so a program comes and goes, however it ends, without the others; who has just come is met by
 those that hear others already when they next find nothing to receive. A frame is SocketCAN's
 `struct can_frame` (16 bytes) or `struct canfd_frame` (72), followed by the nanosecond of
-CLOCK_MONOTONIC at which it was sent.
+CLOCK_MONOTONIC at which it was sent; a packet holds one of them, or up to seven of the first.
 python-can knows it as the interface `unix`, by an entry point.
 """
 
@@ -18,20 +18,17 @@ import secrets
 import select
 import socket
 import time
-from array import array
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import can
-import numpy as np
 
 from teleop_rt.realtime.leftovers import alive, owner, shared_folder
-from teleop_rt.realtime.packets import Packets
+from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, CanDoor
 from teleop_rt_drivers.can_frames import (
     FRAME,
     REMOTE,
-    WIDE,
     Frame,
     Outgoing,
     message_of,
@@ -48,8 +45,6 @@ _pack = FRAME.pack
 _BUFFER_BYTES = 4 << 20
 _MODE = 0o700
 _SUFFIX = ".can"
-_AT_ONCE = 32
-"""Packets that are taken by one call of the system."""
 _MEET_EVERY = 16
 """Readings of all waiting frames between two searches for new programs."""
 _GONE = (errno.ECONNREFUSED, errno.ENOENT)
@@ -118,11 +113,10 @@ class UnixBus(can.BusABC):
         self._peers: list[socket.socket] = []
         self._heads: dict[socket.socket, tuple[int, can.Message]] = {}
         self._ready = select.epoll()
-        self._packets = Packets(_AT_ONCE, WIDE.size)
-        self.slots = np.frombuffer(self._packets.memory, np.uint8).reshape(_AT_ONCE, WIDE.size)
+        self._rests: dict[socket.socket, list[bytes]] = {}
+        self.door = CanDoor(FRAME.size)
+        self._packets = self.door.packets
         self._kept: list[Frame] = []
-        self._outgoing = Packets(_AT_ONCE, FRAME.size)
-        self._plain = memoryview(array("I", [FRAME.size] * _AT_ONCE))
         self._readings = 0
         self._name = f"{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}"
         self.lost = 0
@@ -174,12 +168,19 @@ class UnixBus(can.BusABC):
         peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
         self._ready.register(peer, select.EPOLLIN)
         self._peers.append(peer)
+        self._set_door()
 
     def _drop(self, peer: socket.socket) -> None:
         """Forget a program that has left."""
         self._ready.unregister(peer)
         self._peers.remove(peer)
         peer.close()
+        self._set_door()
+
+    def _set_door(self) -> None:
+        """Let the door be the only peer's."""
+        only = self._peers[0].fileno() if len(self._peers) == 1 else -1
+        self.door.door.descriptor = only
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to every program on the bus, without waiting for any.
@@ -191,40 +192,33 @@ class UnixBus(can.BusABC):
             self._meet()
         self._send_packet(packed(msg, time.monotonic_ns()))
 
-    def _send_packet(self, data: bytes) -> None:
+    def _send_packet(self, data: bytes, frames: int = 1) -> None:
         for peer in self._peers:
             try:
                 peer.send(data)
             except BlockingIOError:
-                self.lost += 1
+                self.lost += frames
             except OSError:  # it has left; what it said before is still to be heard
                 continue
 
     def send_frame(self, can_id: int, data: bytes) -> None:
-        """Send one frame of classic CAN, for which the call for several costs more than it saves.
-
-        Nothing is waited for, as in `send`.
-        """
+        """Send one frame of classic CAN; nothing is waited for, as in `send`."""
         if not self._peers:
             self._meet()
-        size = 1 if can_id & REMOTE else len(data)
-        self._send_packet(_pack(can_id, size, data, time.monotonic_ns()))
+        self._send_packet(_packed(can_id, data, time.monotonic_ns()))
 
     def send_frames(self, frames: Sequence[Outgoing]) -> None:
-        """Send frames of classic CAN, _AT_ONCE at most, by one call of the system for each program.
+        """Send frames of classic CAN, as many as fit in a packet: for those who receive, too.
 
         Nothing is waited for, as in `send`.
         """
         if not self._peers:
             self._meet()
         now_ns = time.monotonic_ns()
-        memory = self._outgoing.memory
-        for index, (can_id, data) in enumerate(frames):
-            size = 1 if can_id & REMOTE else len(data)
-            FRAME.pack_into(memory, index * FRAME.size, can_id, size, data, now_ns)
-        for peer in self._peers:
-            with contextlib.suppress(OSError):  # it has left, as in `send`
-                self.lost += len(frames) - self._outgoing.send(peer.fileno(), len(frames))
+        for first in range(0, len(frames), FRAMES_PER_PACKET):
+            some = frames[first : first + FRAMES_PER_PACKET]
+            packet = b"".join(_packed(can_id, data, now_ns) for can_id, data in some)
+            self._send_packet(packet, len(some))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next frame that passes the filters, None where none comes in time.
@@ -257,14 +251,22 @@ class UnixBus(can.BusABC):
     def _take(self, peer: socket.socket) -> tuple[int, can.Message] | None:
         """Return when a program's next frame was sent [ns] and the frame, or None.
 
-        It is forgotten once it has left.
+        It is forgotten once it has left. What else was in its packet is its rest.
         """
+        if (rest := self._rests.pop(peer, None)) is not None:
+            if len(rest) > 1:
+                self._rests[peer] = rest[1:]
+            return message_of(rest[0])
         try:
-            data = peer.recv(WIDE.size)
+            data = peer.recv(self._packets.size)
         except BlockingIOError:
             return None
         except OSError:
             data = b""
+        if len(data) > FRAME.size and _holds_frames(len(data)):
+            places = range(0, len(data), FRAME.size)
+            first, *self._rests[peer] = (data[at : at + FRAME.size] for at in places)
+            return message_of(first)
         if data:
             return message_of(data)
         self._drop(peer)
@@ -276,7 +278,7 @@ class UnixBus(can.BusABC):
         Data that are not a frame are returned as UNREADABLE.
         """
         self._look_for_programs()
-        if self._filters is not None or self._heads:
+        if self._filters is not None or self._heads or self._rests:
             return one_by_one(self, most)
         frames, self._kept = self._kept, []
         waiting = self._peers
@@ -286,27 +288,24 @@ class UnixBus(can.BusABC):
             frames.sort(key=itemgetter(2))
         return frames
 
-    def take_slots(self) -> int:
-        """Take what has come into `slots`, and return how many frames that is; never raises.
+    def is_plain(self) -> bool:
+        """Return whether all that can come now comes by the door; new programs are let in here.
 
-        That is possible for a few frames of classic CAN from one program; -1 says that there is
-        more to it, and that `waiting_frames` is to be called.
+        That is so while one program is there and nothing is kept of it.
         """
-        if len(self._peers) != 1 or self._filters is not None or self._heads or self._kept:
-            return -1
         self._readings += 1
         if self._readings % _MEET_EVERY == 0 and self._ready.poll(0):
             self._meet()
-        peer, packets = self._peers[0], self._packets
-        try:
-            count = packets.receive(peer.fileno())
-        except OSError:
+        held = self._kept or self._heads or self._rests
+        return len(self._peers) == 1 and not held and self._filters is None
+
+    def keep(self) -> None:
+        """Keep what the door received last, which was UNUSUAL, for `waiting_frames`."""
+        peer, received = self._peers[0], self.door.door.received
+        if received < 0:
             self._drop(peer)
-            return 0
-        if count < packets.most and packets.lengths[:count] == self._plain[:count]:
-            return count
-        self._unpack(peer, count, self._kept)
-        return -1
+        else:
+            self._unpack(peer, received, self._kept)
 
     def _look_for_programs(self) -> None:
         """Let in who has come, once in a while, and while nobody is there."""
@@ -317,30 +316,32 @@ class UnixBus(can.BusABC):
 
     def _take_some(self, peer: socket.socket, frames: list[Frame], most: int) -> bool:
         """Add what waits of a program; return whether more may wait that there is room for."""
-        if len(frames) + self._packets.most > most:
+        packets = min(self._packets.most, (most - len(frames)) // FRAMES_PER_PACKET)
+        if packets <= 0:
             return False
         try:
-            count = self._packets.receive(peer.fileno())
+            count = self._packets.receive(peer.fileno(), packets)
         except OSError:
             self._drop(peer)
             return False
-        return self._unpack(peer, count, frames)
+        return self._unpack(peer, count, frames) and count == packets
 
     def _unpack(self, peer: socket.socket, count: int, frames: list[Frame]) -> bool:
-        """Add what was received of a program; return whether more may wait.
+        """Add what was received of a program; return whether it is still there.
 
         A program is forgotten once it has left.
         """
         packets, lengths = self._packets, self._packets.lengths
-        if lengths[:count] == self._plain[:count]:  # nearly always: frames of classic CAN alone
-            frames += unpacked_plainly(packets.memory[: count * packets.size])
-            return count == packets.most
         for index in range(count):
-            if not lengths[index]:
+            place, length = index * packets.size, lengths[index]
+            if not length:
                 self._drop(peer)
                 return False
-            frames.append(unpacked(packets.memory, index * packets.size, lengths[index]))
-        return count == packets.most
+            if _holds_frames(length):  # nearly always
+                frames += unpacked_plainly(packets.memory[place : place + length])
+            else:
+                frames.append(unpacked(packets.memory, place, length))
+        return True
 
     def _meet(self) -> None:
         """Let programs in that have come since."""
@@ -370,6 +371,15 @@ class UnixBus(can.BusABC):
         with contextlib.suppress(OSError):
             self._place.rmdir()
         os.close(self._folder)
+
+
+def _packed(can_id: int, data: bytes, now_ns: int) -> bytes:
+    return _pack(can_id, 1 if can_id & REMOTE else len(data), data, now_ns)
+
+
+def _holds_frames(length: int) -> bool:
+    """Return whether a packet of this length holds frames of classic CAN with their stamps."""
+    return length % FRAME.size == 0 and 0 < length <= FRAMES_PER_PACKET * FRAME.size
 
 
 def _seqpacket() -> socket.socket:

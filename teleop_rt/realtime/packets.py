@@ -51,7 +51,8 @@ class Packets:
     """Room for `most` packets of `size` bytes each.
 
     `memory` holds the packets of the last call at multiples of `size`, `lengths` how long each is,
-    and `senders` at multiples of SENDER_BYTES where each of UDP came from.
+    and `senders` at multiples of SENDER_BYTES where each of UDP came from. `headers` is the address
+    of their `struct mmsghdr`s, for kernels.
     """
 
     def __init__(self, most: int, size: int, *, named: bool = False) -> None:
@@ -70,20 +71,21 @@ class Packets:
                 packet.header.name_length = SENDER_BYTES
             packet.header.vectors = first + i * ctypes.sizeof(_Vector)
             packet.header.vector_count = 1
-        self._place = ctypes.c_void_p(ctypes.addressof(self._packets))
+        self.headers = ctypes.addressof(self._packets)
+        self._place = ctypes.c_void_p(self.headers)
         self.memory = memoryview(buffer).cast("B")
         words = memoryview(self._packets).cast("B").cast("I")
         word = words.itemsize
         offset, step = _Packet.length.offset, ctypes.sizeof(_Packet)
         self.lengths = words[offset // word :: step // word]
 
-    def receive(self, descriptor: int) -> int:
+    def receive(self, descriptor: int, most: int | None = None) -> int:
         """Take what waits at a socket, without waiting, and return how many packets that was.
 
-        A packet of length 0 at the end means that the other end has left. Raises OSError if the
-        socket is broken.
+        That is `most` packets at most, or as many as there is room for. A packet of length 0 at
+        the end means that the other end has left. Raises OSError if the socket is broken.
         """
-        count: int = _receive(descriptor, self._place, self.most, _FLAGS, None)
+        count: int = _receive(descriptor, self._place, most or self.most, _FLAGS, None)
         if count < 0:
             code = ctypes.get_errno()
             if code not in _NOTHING:

@@ -175,7 +175,7 @@ def test_a_missing_socketcan_interface_is_refused_with_the_next_step(
     def refused(**_options):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(can, "Bus", refused)
+    monkeypatch.setattr("teleop_rt_drivers.bus.DirectSocketcanBus", refused)
     config = BusConfig(interface="socketcan", channel="can77", bitrate=500_000)
     with pytest.raises(AxisError, match=next_step) as raised:
         open_bus(config)

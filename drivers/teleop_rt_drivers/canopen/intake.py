@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 
 from teleop_rt.jit import kernel
 from teleop_rt.kernel_record import record_type
+from teleop_rt_drivers.can_door import UNUSUAL, take_packets
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
 from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
 from teleop_rt_drivers.canopen.watch import hear, lost_life, new_lives
 
 if TYPE_CHECKING:
+    from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
     from teleop_rt_drivers.canopen.watch import Lives
 
@@ -339,6 +341,25 @@ def take_cycle(
         ask(sources)
         counts[_SYNC_SENT] += 1
     return events
+
+
+@kernel
+def take_cycle_from(
+    sources: Sources,
+    counts: Whole,
+    lives: Lives,
+    door: Doors,
+    lengths: Lengths,
+    slots: Slots,
+    sync_ns: int,
+    now_ns: int,
+    asks: bool,
+) -> int:
+    """Receive what waits at a door and take it as `take_cycle` does; or return UNUSUAL."""
+    count = take_packets(door, lengths, slots)
+    if count == UNUSUAL:
+        return UNUSUAL
+    return take_cycle(sources, counts, lives, slots, 0, count, sync_ns, now_ns, asks)
 
 
 @functools.cache

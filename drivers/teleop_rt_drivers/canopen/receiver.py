@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisFault
 from teleop_rt.jit import bound
+from teleop_rt_drivers.can_door import UNUSUAL
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
 from teleop_rt_drivers.canopen import eds, intake, setup
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from teleop_rt.axis import Sample
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.can_frames import Slots
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.counters import Counters
@@ -84,8 +84,7 @@ class Receiver:
             {node.node_id: node.silence_ms for node in config.nodes.values()}, guarded
         )
         intake.load_kernels()
-        self._bound: dict[int, Callable[..., int]] = {}
-        self._bind(self._reader.slots)
+        self._bind()
         self._switch = switch
         self._closed = False
         self._handlers = self._handler_table()
@@ -119,14 +118,7 @@ class Receiver:
 
         With `asks` the caller sends the next SYNC right after this.
         """
-        count = self._arrived(now_ns)
-        slots = self._reader.slots
-        take_cycle = self._bound.get(id(slots)) or self._bind(slots)
-        events = take_cycle(0, count, sync_ns, now_ns, asks)
-        while events < 0:
-            row = -1 - events
-            self._hand_on(*self._reader.frame(row)[:2], now_ns)
-            events = take_cycle(row + 1, count, sync_ns, now_ns, asks)
+        events = self._take(now_ns, sync_ns, asks=asks)
         if (drive := self._drive) is not None and drive.settle():
             self.raise_fault(AxisFault.DRIVE_FAULT)
         if events:
@@ -135,11 +127,41 @@ class Receiver:
         sample.stale = "" if valid else self._stale(events)
         self._fill(sample)
 
-    def _bind(self, slots: Slots) -> Callable[..., int]:
-        """Return what takes a cycle's frames from these slots: the reader's own, or the bus's."""
-        arrays = self._sources, self._words, self._heartbeats.lives, slots
-        self._bound[id(slots)] = bound(intake.take_cycle, arrays, 0, 0, 0, 0, True)  # noqa: FBT003
-        return self._bound[id(slots)]
+    def _take(self, now_ns: int, sync_ns: int, *, asks: bool) -> int:
+        """Take a cycle's frames; return its events."""
+        if not self._watching:
+            self._begin(now_ns)
+        reader, count = self._reader, 0
+        if self._take_plain is not None and reader.is_plain():
+            events = self._take_plain(sync_ns, now_ns, asks)
+            if events >= 0:  # nearly always
+                return events
+            count = reader.read_unusual() if events == UNUSUAL else reader.received
+        else:
+            count, events = reader.read_otherwise(), UNUSUAL
+        take_cycle = self._bound[id(reader.slots)]
+        if events == UNUSUAL:
+            self._note_flood(count)
+            events = take_cycle(0, count, sync_ns, now_ns, asks)
+        while events < 0:
+            row = -1 - events
+            self._hand_on(*reader.frame(row)[:2], now_ns)
+            events = take_cycle(row + 1, count, sync_ns, now_ns, asks)
+        return events
+
+    def _bind(self) -> None:
+        """Bind what takes a cycle's frames: from the reader's slots, and by the bus's door."""
+        arrays = self._sources, self._words, self._heartbeats.lives
+        reader = self._reader
+        self._take_plain = None
+        all_slots = [reader.slots]
+        if (door := reader.door) is not None:
+            all_slots.append(door.slots)
+            self._take_plain = bound(intake.take_cycle_from, (*arrays, *door.arrays), 0, 0, True)  # noqa: FBT003
+        self._bound = {
+            id(slots): bound(intake.take_cycle, (*arrays, slots), 0, 0, 0, 0, True)  # noqa: FBT003
+            for slots in all_slots
+        }
 
     def _stale(self, events: int) -> str:
         """Return the reason why the first value is not new."""
@@ -211,18 +233,22 @@ class Receiver:
             row = intake.take_frames(*arrays, row + 1, count, now_ns)
 
     def _arrived(self, now_ns: int) -> int:
-        """Return how many frames wait now.
-
-        The first call begins the watch over the devices' life signs, which it may already take.
-        """
+        """Return how many frames wait now."""
         if not self._watching:
-            self._watching = True
-            self._heartbeats.start(now_ns)
-            self.guards.start()
+            self._begin(now_ns)
         count = self._reader.read()
+        self._note_flood(count)
+        return count
+
+    def _begin(self, now_ns: int) -> None:
+        """Begin the watch over the devices' life signs, which the first frames may already be."""
+        self._watching = True
+        self._heartbeats.start(now_ns)
+        self.guards.start()
+
+    def _note_flood(self, count: int) -> None:
         if count >= MOST_FRAMES_PER_CYCLE:
             self.counters["flood"] += 1
-        return count
 
     def _hand_on(self, can_id: int, data: Data, now_ns: int) -> None:
         """Hand a frame that is no source's to whom it is for."""

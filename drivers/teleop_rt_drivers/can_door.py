@@ -1,0 +1,98 @@
+"""A socket that carries CAN frames in packets, as kernels use it: a whole cycle's in one step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.jit import kernel
+from teleop_rt.kernel_record import record_type
+from teleop_rt.realtime.packets import Packets
+from teleop_rt.realtime.system_calls import receive_packets
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.can_frames import Slots
+
+FRAMES_PER_PACKET = 7
+_ROOM = FRAMES_PER_PACKET + 1
+"""Frames for which a packet has room: a packet that fills it may be longer, and is no frames."""
+PACKETS_AT_ONCE = 16
+UNUSUAL = -1 << 20
+"""In place of a number of frames: Python is to look at what has come, or at the socket."""
+
+
+class Door:
+    """Fields of a socket: its descriptor, its packets' headers, and what the last call received.
+
+    That is `received` packets, or minus the number of an error, with `frames` frames.
+    """
+
+    descriptor: int
+    headers: int
+    most: int
+    received: int
+    frames: int
+
+
+_DOOR = record_type(Door)
+Doors = NDArray[np.record]
+Lengths = NDArray[np.uint32]
+
+
+class CanDoor:
+    """Room for a socket's packets: `slots` of `size` bytes hold its frames for kernels.
+
+    `arrays` is what `take_packets` works on, `door` the socket's fields by name.
+    """
+
+    def __init__(self, size: int) -> None:
+        room = _ROOM * size
+        self.packets = packets = Packets(PACKETS_AT_ONCE, room)
+        memory = np.frombuffer(packets.memory, np.uint8)
+        self.slots: Slots = memory.reshape(PACKETS_AT_ONCE * _ROOM, size)
+        stored: Doors = np.zeros(1, _DOOR)
+        self.door = cast("Door", stored[0])
+        self.door.descriptor = -1
+        self.door.headers, self.door.most = packets.headers, PACKETS_AT_ONCE
+        self.arrays = stored, np.asarray(packets.lengths), self.slots
+
+
+@kernel
+def take_packets(stored: Doors, lengths: Lengths, slots: Slots) -> int:
+    """Receive what waits into the first slots; return how many frames, or UNUSUAL.
+
+    With UNUSUAL the packets lie as they were received: what is no plain frames, the end of the
+    socket, or so much that more may wait.
+    """
+    door: Any = stored[0]
+    received = receive_packets(door.descriptor, door.headers, door.most)
+    door.received, door.frames = received, 0
+    if received < 0 or received == door.most or not are_plain(lengths, received, slots):
+        return UNUSUAL
+    for packet in range(received):
+        move_up(slots, packet, int(lengths[packet]) // slots.shape[1], door.frames)
+        door.frames += int(lengths[packet]) // slots.shape[1]
+    return int(door.frames)
+
+
+@kernel
+def are_plain(lengths: Lengths, packets: int, slots: Slots) -> bool:
+    """Return whether these packets are whole frames of the slots' size, and nothing else."""
+    size = slots.shape[1]
+    for packet in range(packets):
+        length = int(lengths[packet])
+        if length == 0 or length % size or length > FRAMES_PER_PACKET * size:
+            return False
+    return True
+
+
+@kernel
+def move_up(slots: Slots, packet: int, frames: int, to: int) -> None:
+    """Move the frames of a packet from their room to the slots from `to` on."""
+    for frame in range(frames):
+        place = packet * _ROOM + frame
+        if place != to + frame:
+            for byte in range(slots.shape[1]):
+                slots[to + frame, byte] = slots[place, byte]

@@ -1,0 +1,59 @@
+"""Calls of the system from within kernels: packets out of a socket, without waiting."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import socket
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+from teleop_rt.jit import kernel
+from teleop_rt.lean_numba import numba
+
+_C_TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64}
+
+
+def _of_c_library(name: str, result: str, *arguments: str) -> Callable[..., Any]:
+    """Return a function of the C library for kernels; a pointer is an address, an `int64`.
+
+    Compiled code holds only its name, so it is cached as any other. Plain Python calls it, too,
+    where nothing is compiled.
+    """
+    if cast("Any", numba.config).DISABLE_JIT:
+        function = getattr(ctypes.PyDLL(None, use_errno=True), name)
+        function.restype, *function.argtypes = (_C_TYPES[one] for one in (result, *arguments))
+        return cast("Callable[..., Any]", function)
+    types: Any = numba.types
+    signature = getattr(types, result)(*(getattr(types, one) for one in arguments))
+    return cast("Callable[..., Any]", types.ExternalFunction(name, signature))
+
+
+def _error_of_c_library() -> Callable[[], Sequence[int]]:
+    """Return a function whose result's first item is the `errno` of the call before."""
+    if cast("Any", numba.config).DISABLE_JIT:
+        return lambda: (ctypes.get_errno(),)
+    types: Any = numba.types
+    signature = types.CPointer(types.int32)()
+    return cast(
+        "Callable[[], Sequence[int]]", types.ExternalFunction("__errno_location", signature)
+    )
+
+
+_receive = _of_c_library("recvmmsg", "int32", "int32", "int64", "int32", "int32", "int64")
+_error = _error_of_c_library()
+_FLAGS = socket.MSG_DONTWAIT
+_AGAIN, _INTERRUPTED = errno.EAGAIN, errno.EINTR
+
+
+@kernel
+def receive_packets(descriptor: int, headers: int, most: int) -> int:
+    """Take what waits at a socket into the `struct mmsghdr`s at an address; return how many.
+
+    That is 0 where nothing waits, and minus the error's number where the socket is broken.
+    """
+    count: int = _receive(descriptor, headers, most, _FLAGS, 0)
+    if count >= 0:
+        return count
+    code = _error()[0]
+    return 0 if code in (_AGAIN, _INTERRUPTED) else -code
