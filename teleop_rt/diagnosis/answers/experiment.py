@@ -156,7 +156,7 @@ def design(found: Problem, sets: list[Fit], reach: Reach | None = None) -> Exper
         depth = found.motion.scales["travel"]
         fastest = 2.0 * float(np.max(np.abs(found.motion.v)))
         reach = Reach(depth, 0.3 * depth, fastest, 1.2 * found.motion.scales["force"])
-    noise = max(force_noise(found.force), 1e-9)
+    noise = max(force_noise(found.force, found.force_step), 1e-9)
     pairs = [_Pair(*two) for two in permutations(sets, 2)]
     best: Experiment | None = None
     for name, shape in profiles(reach.depth, reach.height).items():

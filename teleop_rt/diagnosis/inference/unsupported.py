@@ -63,5 +63,5 @@ def _read_beyond_level(problem: Problem, fit: Fit) -> frozenset[str]:
         if effect.acts == "limits_force"
     }
     largest = float(np.quantile(np.abs(problem.force[problem.whitener.mask > 0.0]), 0.99))
-    largest -= SIGMAS * force_noise(problem.force)
+    largest -= SIGMAS * force_noise(problem.force, problem.force_step)
     return frozenset(name for name, level in levels.items() if largest > BEYOND * level)

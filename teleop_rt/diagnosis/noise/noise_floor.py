@@ -63,7 +63,7 @@ def fast_noise(problem: Problem, floor: Matrix, where: Vector) -> float:
     """
     encoder = _energy(floor, problem.whitener) / max(float(np.mean(where)), 1e-9)
     by_steps = problem.force_step**2 / 12.0
-    fastest = force_noise(problem.force) ** 2
+    fastest = force_noise(problem.force, problem.force_step) ** 2
     return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
 
 

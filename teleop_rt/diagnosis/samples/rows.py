@@ -11,6 +11,7 @@ from teleop_rt.diagnosis.samples.filters import running_rank
 
 OUTLIERS = "outliers"  # name of the effect of isolated wrong samples
 MAD_PER_DEVIATION = 0.6745  # median absolute deviation of a normal distribution of deviation 1
+_GOLDEN = 0.6180339887498949  # multiples of it modulo 1 fill a step evenly
 _GRID_SAMPLES = 200  # smallest differences that must lie on a grid of steps
 _GRID_TOLERANCE = 0.05  # of a step; a reading in steps of a number has more
 _LONE_SPREADS = 20.0  # times the range of its four neighbours: no tool moves that far and back
@@ -50,11 +51,21 @@ def bulk(row: Vector) -> tuple[float, float]:
     return low, high
 
 
-def force_noise(force: Vector) -> float:
-    """Return the standard deviation of the force's fast noise, from third differences."""
+def force_noise(force: Vector, step: float | None = None) -> float:
+    """Return the standard deviation of the force's fast noise, from third differences.
+
+    Those of readings in steps lie on a grid, and so would their median, up to a third off: each is
+    spread evenly over its step, and what that adds is subtracted. `step` [of the force] is that of
+    its converter, found in the readings if it is not given.
+    """
     third = np.diff(force, 3)
-    robust = robust_deviation(third - np.median(third)) or float(np.std(third))
-    return robust / float(np.sqrt(20.0))  # 1 + 9 + 9 + 1, squares of the binomials
+    third -= np.median(third)
+    robust = robust_deviation(third)
+    if robust > 0.0:
+        step = quantisation_step(force) if step is None else step
+        spread = robust_deviation(third + step * (np.arange(third.size) * _GOLDEN % 1.0 - 0.5))
+        robust = float(np.sqrt(max(spread**2 - step**2 / 12.0, 0.0)))
+    return (robust or float(np.std(third))) / float(np.sqrt(20.0))  # squares of the binomials
 
 
 def quantisation_step(row: Vector) -> float:
