@@ -20,6 +20,7 @@ _STRIDE_OCTAVES = 6  # strides between samples, each twice the last, that are co
 _LONGEST_STRIDE_S = 0.011  # s; over longer strides differences show the motion
 _MOTION_GROWTH = 16.0  # of differences per doubled stride; those of motion grow 32 times
 _CORRELATED_GROWTH = 4.0  # of the same; correlated noise grows less than that
+_ROUNDING = 1e-10  # of the largest derivative; sums over a recording add up to that
 _REST_CHANGE_RATIO = 1e-9  # of the position's range; a smaller difference is a rest
 _LEAST_NOISE_STEPS = 0.45  # of the step; less noise may be the steps alone (0.28 to 0.37)
 _MOST_NOISE_STEPS = 2.0  # of the step; with more, the steps are digits of a number
@@ -106,9 +107,18 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
     bent[..., 1:] += np.cumsum(np.cumsum(a[..., :-1], axis=-1), axis=-1) * dt**2
     return (
         np.ascontiguousarray(2.0 * x - smooth(x, 0)),
-        np.ascontiguousarray(2.0 * v - smooth(moved, 1)),
-        np.ascontiguousarray(2.0 * a - smooth(bent, 2)),
+        _still(2.0 * v - smooth(moved, 1)),
+        _still(2.0 * a - smooth(bent, 2)),
     )
+
+
+def _still(derivative: Vector) -> Vector:
+    """Return a derivative that is 0 at rest, where only rounding errors are left of it.
+
+    A fit would divide a force by them where a recording only holds.
+    """
+    largest = np.max(np.abs(derivative), axis=-1, keepdims=True)
+    return np.where(np.abs(derivative) > _ROUNDING * largest, derivative, 0.0)
 
 
 def motion_of(
