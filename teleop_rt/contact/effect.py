@@ -58,7 +58,7 @@ of the measured force.
 """
 WITHOUT_CONTACT = "on both sides"
 """The law of a body that is held all along, as a spring or an oil: for bases that do not touch."""
-Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset"]
+Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset", "place"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +67,13 @@ class Shape:
 
     Bounds, start and `neutral` are multiples of `relative_to`, a scale of the recording (its
     largest penetration, peak speed, length, penetration over force, or force), or absolute where
-    that is empty. `points` is how finely a search looks at it, in even steps of the value, of its
-    logarithm or of its reciprocal. A `phase` [rad] turns the effect within the plane of its values
-    at 0 and pi/2, so a search gets it from two linear amplitudes. At its `neutral` value, if it has
-    one, the effect is not what its name says. At its `ideal` bound it is just that, as friction
-    that turns over at once; at any other bound a law stands in for something else.
+    that is empty. A "place" counts in travels from the middle of the stroke, because the zero of a
+    body that is held all along is arbitrary. `points` is how finely a search looks at it, in even
+    steps of the value, of its logarithm or of its reciprocal. A `phase` [rad] turns the effect
+    within the plane of its values at 0 and pi/2, so a search gets it from two linear amplitudes.
+    At its `neutral` value, if it has one, the effect is not what its name says. At its `ideal`
+    bound it is just that, as friction that turns over at once; at any other bound a law stands in
+    for something else.
     """
 
     name: str

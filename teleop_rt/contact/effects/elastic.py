@@ -22,6 +22,11 @@ def _exponential(
 
 
 @kernel
+def _cubic(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return float((x - eta[0]) ** 3)
+
+
+@kernel
 def _beyond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return float(max(x - eta[0], 0.0))
 
@@ -116,6 +121,20 @@ EFFECTS = (
         step=_exponential,
         sentence="The material stiffens with depth, by e every {length}.",
         compensation="render",
+    ),
+    Effect(
+        name="nonlinear_stiffening",
+        law=WITHOUT_CONTACT,
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("cubic_stiffness", "{f}/{x}^3"),
+        # From beyond the stroke a cubic is a parabola, as of a spring that only stiffens inwards.
+        shapes=(Shape("centre", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=8),),
+        step=_cubic,
+        sentence="The stiffness changes by {cubic_stiffness} about {centre}.",
+        compensation="render",
+        only_in_contact=False,
     ),
     Effect(
         name="second_layer",

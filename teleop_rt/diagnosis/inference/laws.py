@@ -9,6 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.model import in_units
 
 
 def by_other_laws(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
@@ -46,4 +47,4 @@ def extended(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Fi
 
 
 def _start(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> float:
-    return shape.start * scales[shape.relative_to] if isinstance(shape, Shape) else 0.0
+    return in_units(shape.start, shape, scales) if isinstance(shape, Shape) else 0.0

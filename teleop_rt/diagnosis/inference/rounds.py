@@ -191,10 +191,11 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
     Gravity of a lever needs a rotary rig. A linkage's weight and a return spring need a drive that
     has a bias, for which they would stand in, and no spring: between them the data choose. A
     material effect needs a base with contact. Laws without contact apply to a base without contact,
-    a relaxation only to one with a spring: a drive alone has no body that relaxes. Outliers are
+    a relaxation or stiffening only to one with a spring: a drive alone has no body. Outliers are
     tested separately. If the base finds the surface, its surface parameter covers an offset and the
     flank of a play. Friction by direction equals symmetric friction and a bias (only a rest
-    separates them), so a base with a bias excludes it.
+    separates them), so a base with a bias excludes it, and so does one that finds the surface of a
+    body that is `pressed` all along, where a surface is a bias.
     """
     rotary = recording.units[0] == "rad"
 

@@ -8,7 +8,7 @@ from teleop_rt.contact.effect import Shape
 from teleop_rt.diagnosis.criteria import SAME_SHARE, SIGMAS
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.model import bounds
+from teleop_rt.diagnosis.models.model import bounds, in_units
 from teleop_rt.diagnosis.noise.structure import at_bounds
 from teleop_rt.diagnosis.samples.rows import force_noise
 
@@ -32,7 +32,7 @@ def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> frozenset[str
         shape = coordinate.shape
         if isinstance(shape, Shape) and shape.neutral is not None:
             zeta = fit.zeta.copy()
-            zeta[place] = shape.neutral * problem.motion.scales[shape.relative_to]
+            zeta[place] = in_units(shape.neutral, shape, problem.motion.scales)
             lost = problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
             if lost < SAME_SHARE * (base.chi2 - fit.chi2):
                 found |= {fit.names[coordinate.owner]}

@@ -39,8 +39,14 @@ class Linear(NamedTuple):
 
 def bounds(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> tuple[float, float]:
     """Return the bounds of a parameter in the rig's units."""
-    scale = scales[shape.relative_to]
-    return shape.lower * scale, shape.upper * scale
+    return in_units(shape.lower, shape, scales), in_units(shape.upper, shape, scales)
+
+
+def in_units(value: float, shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> float:
+    """Return a declared value of a parameter in the rig's units."""
+    if shape.relative_to == "place":
+        return scales["place"] + value * scales["travel"]
+    return value * scales[shape.relative_to]
 
 
 def nonlinear_amplitude(effect: Effect) -> bool:

@@ -60,8 +60,8 @@ def jacobian(problem: Problem, fit: Fit) -> Matrix:
     """Return the derivatives of the whitened prediction: linear, then nonlinear parameters."""
     rows = [fit.columns]
     for i, coordinate in enumerate(fit.model.coordinates):
-        scale = problem.motion.scales[coordinate.shape.relative_to]
-        step = 1e-3 * (coordinate.shape.upper - coordinate.shape.lower) * scale
+        low, high = bounds(coordinate.shape, problem.motion.scales)
+        step = 1e-3 * (high - low)
         step = min(step, 0.01 * abs(float(fit.zeta[i]))) if fit.zeta[i] != 0.0 else step
         ends = []
         for sign in (1.0, -1.0):

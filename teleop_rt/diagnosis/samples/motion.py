@@ -140,6 +140,7 @@ def motion_of(
         "duration": float(t[-1]),
         "compliance": travel / level,
         "force": float(np.max(np.abs(force))),
+        "place": 0.5 * float(np.min(x) + np.max(x)),
     }
     return RecordedMotion(t, x, v, a, dt, scales, half)
 
