@@ -35,6 +35,7 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import fast_noise, largest_noise, noise_floor
+from teleop_rt.diagnosis.noise.structure import pressed_all_along
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -101,7 +102,8 @@ def diagnose(
         answer["dependence"] = dependence(problem, found.best)
         answer["notes"] += of_time(answer["dependence"])
     named = {effect["name"] for effect in answer["effects"]}.union(*answer["class"])
-    library = applicable(effects, recording, model)
+    pressed = pressed_all_along(weighed.problem)
+    library = applicable(effects, recording, model, pressed=pressed)
     answer["detectable"] = [
         one
         for one in detectable(weighed.problem, weighed.base, weighed.input_errors, library,

@@ -24,12 +24,13 @@ from teleop_rt.diagnosis.noise.structure import (
     power_in_time,
     tangent_space,
 )
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
 from teleop_rt_dev.diagnosis.motions import jumping
-from teleop_rt_dev.diagnosis.plants import coloured_noise, make
+from teleop_rt_dev.diagnosis.plants import Record, coloured_noise, make
 
 
 @pytest.mark.parametrize("kind", ["white", "ar1", "pink"])
@@ -285,3 +286,36 @@ def test_energy_beyond_a_model_is_that_of_a_projection_on_description_and_model(
     left, taken = problem.flexible.beside(fit.residual, own)
     assert left @ left == pytest.approx(fit.chi2 - energy, rel=1e-9)
     assert np.sum(taken) == pytest.approx(rank + own.shape[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.1, 0.5, 1.0, 1.4, 2.0])
+def test_the_noise_of_readings_in_steps_is_that_of_the_readings(step: float) -> None:
+    """The median of differences that lie on a grid would be up to a third off."""
+    rng = np.random.default_rng(3)
+    smooth = 7.0 * np.sin(2e-3 * np.arange(10_000))
+    force = smooth + rng.normal(size=smooth.size)
+    if step:
+        force = step * np.round(force / step)
+    assert force_noise(force) == pytest.approx(float(np.std(force - smooth)), rel=0.06)
+
+
+def in_steps(record: Record, force: np.ndarray) -> Recording:
+    """Return the record with another force, read in steps of a fourteenth of its deviation."""
+    step = 0.07 * float(np.std(force))
+    return from_arrays("steps", record.t, record.position, step * np.round(force / step))
+
+
+@pytest.mark.parametrize("seed", [11, 13])
+def test_pink_noise_as_large_in_free_air_as_in_contact_is_noise_of_any_size(seed: int) -> None:
+    """It is a seventh of the force, more than most sensors have."""
+    record = make(seed, (), noise=0.14, kind="pink")
+    answer = diagnose(in_steps(record, record.force), "kelvin-voigt").answer
+    assert answer["verdict"] == "no_missing_effect"
+
+
+@pytest.mark.parametrize("seed", [11, 13])
+def test_a_zero_that_jumps_in_free_air_and_contact_is_no_noise(seed: int) -> None:
+    record = make(seed, (), noise=0.02)
+    jumps = 0.3 * float(np.std(record.force)) * np.sign(np.sin(record.t * 1.9 + 0.3))
+    answer = diagnose(in_steps(record, record.force + jumps), "kelvin-voigt").answer
+    assert answer["verdict"] != "no_missing_effect"

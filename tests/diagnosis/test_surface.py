@@ -354,3 +354,14 @@ def test_a_base_with_a_bias_has_no_friction_that_differs_by_direction() -> None:
     for terms, laws in (("spring,viscous,bias", 2), ("spring,viscous", 4)):
         left = applicable(LIBRARY, recording, base_of(terms))
         assert len([e for e in left if e.name == "coulomb_friction"]) == laws
+
+
+def test_a_body_pressed_all_along_has_no_friction_that_differs_by_direction() -> None:
+    """Its surface is not known, and moving it adds the same force as a bias."""
+    t = np.arange(400) * 1e-3
+    recording = from_arrays("any", t, 1e-3 * t, t)
+    base = base_of("kelvin-voigt")
+    for pressed, finds, possible in ((True, True, False), (True, False, True), (False, True, True)):
+        model = replace(base, finds_surface=finds)
+        left = applicable(LIBRARY, recording, model, pressed=pressed)
+        assert any("by direction" in e.law for e in left) == possible

@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import fast_noise, in_free_air
-from teleop_rt.diagnosis.noise.structure import LackOfFit
+from teleop_rt.diagnosis.noise.structure import LackOfFit, pressed_all_along
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
@@ -57,7 +57,9 @@ def judge_with_unknown_remainder(
     ignore the force at frequencies where the unknown remainder is largest.
     """
     problem, base = plain.problem, plain.base
-    tried = search_sets(problem, base, applicable(effects, recording, base.model.base))
+    pressed = pressed_all_along(problem)
+    library = applicable(effects, recording, base.model.base, pressed=pressed)
+    tried = search_sets(problem, base, library)
     found = explain(tried, _noise(problem, tried[0].fit, errors))
     best = predictor(tried, {name for one in found.sets for name in one.names})
     scale = problem.whitener.effective / best.energy

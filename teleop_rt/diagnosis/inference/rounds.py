@@ -11,7 +11,7 @@ import numpy as np
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
 from teleop_rt.contact.effects.tool import RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.answers.experiment import Experiment
-from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO
+from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.pairs import alike
 from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
@@ -21,8 +21,13 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
-from teleop_rt.diagnosis.noise.noise_floor import largest_noise
-from teleop_rt.diagnosis.noise.structure import lack_of_fit, noise_from, tangent_space
+from teleop_rt.diagnosis.noise.noise_floor import in_free_air, largest_noise, pink_noise
+from teleop_rt.diagnosis.noise.structure import (
+    lack_of_fit,
+    noise_from,
+    pressed_all_along,
+    tangent_space,
+)
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -110,7 +115,7 @@ def _judged(
 ) -> tuple[Diagnosis, list[RecordedMotion]]:
     """Return the judgement with its noise model, and the encoder-error motions."""
     enter("fitting the base")
-    library = applicable(effects, recording, model)
+    library = applicable(effects, recording, model, pressed=pressed_all_along(problem))
     alone = fit_base(problem, model)
     problem = without_edges(problem, [alone.model.shift(alone.zeta)])
     fast, alone = problem, fit_base(problem, model, alone)
@@ -168,13 +173,19 @@ def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:
 
 
 def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
-    """Return whether the base's residual is far larger than any noise of this recording."""
+    """Return whether the base's residual is far larger than any noise of this recording.
+
+    1/f noise as large as the fast noise lets expect, and as free air shows, is noise whatever its
+    share of the force.
+    """
     where = held_out.counted(problem, base)
     left = (problem.force - held_out.predict(problem, base))[where > 0.0]
     if not left.size:
         return False
-    noise = largest_noise(problem, base, floor, where)
-    return bool(np.sqrt(np.mean(left**2)) > EXCESS_NOISE_RATIO * noise)
+    most = EXCESS_NOISE_RATIO * largest_noise(problem, base, floor, where)
+    air = in_free_air(problem, base)
+    in_air = min(float(np.sqrt(air)), pink_noise(problem)) if np.isfinite(air) else 0.0
+    return bool(np.sqrt(np.mean(left**2)) > max(most, REDRAWN_NOISE_RATIO * in_air))
 
 
 def _stiffness(fit: Fit) -> float | None:
@@ -185,7 +196,9 @@ def _stiffness(fit: Fit) -> float | None:
     return float(fit.theta[names.index("k")]) if "k" in names else None
 
 
-def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) -> tuple[Effect, ...]:
+def applicable(
+    effects: tuple[Effect, ...], recording: Recording, base: Base, *, pressed: bool = False
+) -> tuple[Effect, ...]:
     """Return the effects that are possible on this rig and with this base.
 
     Gravity of a lever needs a rotary rig. A linkage's weight and a return spring need a drive that
@@ -207,10 +220,11 @@ def applicable(effects: tuple[Effect, ...], recording: Recording, base: Base) ->
             return base.has_bias and not (base.touches or base.has_spring)
         if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
             return False
-        if base.has_bias and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
+        shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)
+        if shifts and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
             return False
         if effect.law == WITHOUT_CONTACT:
-            held = base.has_spring or effect.family != "relaxation"
+            held = base.has_spring or effect.family not in {"relaxation", "stiffening"}
             return held and not base.touches
         material = effect.belongs_to == "environment" or effect.only_in_contact
         return base.touches or not (material or effect.acts == "deflects")

@@ -11,11 +11,12 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
-from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, noise_from
+from teleop_rt.diagnosis.noise.structure import air_and_contact, noise_from, pressed_all_along
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.rows import force_noise
 
+_FAST_OF_PINK = 1.29  # the integral of (2 sin(pi u))^6 / (20 u) up to u = 1/2
 _LARGEST_SLOW_NOISE = 0.05  # of the force's deviation; no sensor or amplifier drifts by more
 
 
@@ -78,14 +79,24 @@ def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> f
     return min(max(slow, fastest), noise_floor(problem, fit, floor, where, (fit,)))
 
 
+def pink_noise(problem: Problem) -> float:
+    """Return the deviation [rig's force] of 1/f noise with the fast noise of this force.
+
+    Of a density c/f between 1/T and half the rate, the variance of n samples is c log(n/2), and
+    their third differences show `_FAST_OF_PINK` c.
+    """
+    octaves = np.log(max(problem.force.size / 2.0, 2.0)) / _FAST_OF_PINK
+    return float(force_noise(problem.force, problem.force_step) * np.sqrt(octaves))
+
+
 def in_free_air(problem: Problem, fit: Fit) -> float:
     """Return the mean square of the model's residual in free air; infinite without free air.
 
     It is at least the quantisation error of the force, which may be constant in free air.
     """
-    air, _ = air_and_contact(problem)
-    if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
+    if not fit.model.base.touches or pressed_all_along(problem):
         return float(np.inf)
+    air, _ = air_and_contact(problem)
     left = float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
     return max(left, problem.force_step**2 / 12.0)
 

@@ -129,6 +129,12 @@ def air_and_contact(problem: Problem) -> tuple[NDArray[np.bool_], NDArray[np.boo
     return used & (x < -margin), used & (x > margin)
 
 
+def pressed_all_along(problem: Problem) -> bool:
+    """Return whether too few samples are in free air to show what acts there."""
+    air, _ = air_and_contact(problem)
+    return bool(np.count_nonzero(air) < FREE_AIR * air.size)
+
+
 def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirContactNoise | None:
     """Return the statistics of the difference between contact and free air by chance.
 
