@@ -14,6 +14,7 @@ from hypothesis import settings
 from lean_install import without_pages
 
 from teleop_rt.cli import main
+from teleop_rt.yaml_file import _Loader as ConfigLoader
 from teleop_rt_drivers.canopen import eds, eds_file
 from teleop_rt_drivers.simulated import dictionary
 
@@ -21,6 +22,8 @@ from teleop_rt_drivers.simulated import dictionary
 settings.register_profile("same draws", derandomize=True, database=None, deadline=None)
 settings.load_profile("same draws")
 
+
+MANY_TEXTS = 100
 
 LONGEST = (
     *("trial/test_close_loop", "test_campaign_hands", "test_package"),
@@ -55,7 +58,7 @@ def pytest_collection_finish():
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the longest modules, which `--no-loadscope-reorder` leaves in this order."""
+    """Begin with the longest modules, so that no core waits for one of them alone at the end."""
     rank = {f"tests/{name}.py": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
 
@@ -79,6 +82,28 @@ def each_eds_is_parsed_once():
         for module in (eds, dictionary):
             patch.setattr(module, "import_eds", import_eds)
         patch.setattr(eds_file, "check", functools.cache(eds_file.check))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def each_config_is_composed_once():
+    """Compose the nodes of the same YAML once: a thousand tests load the same rigs.
+
+    Data are built of the nodes again for each caller; a text that is refused is refused again.
+    """
+    compose = ConfigLoader.get_single_node
+
+    def get_single_node(loader):
+        text = loader.buffer  # whole, at its beginning
+        if text not in composed:
+            if len(composed) == MANY_TEXTS:  # by a test that draws them
+                composed.clear()
+            composed[text] = compose(loader)
+        return composed[text]
+
+    composed = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConfigLoader, "get_single_node", get_single_node)
         yield
 
 
