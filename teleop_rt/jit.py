@@ -4,7 +4,8 @@ Numba looks only at place, time and size of a kernel's own file to decide whethe
 current, though that code holds every other kernel and constant that it uses. So each file's kernels
 are cached in a folder named after the contents of that file and of all of ours that it imports,
 directly or not, after numba, Python and the processor: nothing stale or foreign can run, and equal
-code in two folders (a clone, an installed wheel) is compiled once.
+code in two folders (a clone, an installed wheel) is compiled once. Code that checks every index is
+kept apart from code that does not.
 """
 
 from __future__ import annotations
@@ -100,11 +101,15 @@ def _file_of(module: str) -> Path | None:
 
 @functools.cache
 def machine() -> str:
-    """Return what compiled code depends on beside its source: numba, Python and the processor."""
+    """Return what compiled code depends on beside its source.
+
+    That is numba, Python, the processor, and whether NUMBA_BOUNDSCHECK asks for checked indices.
+    """
     own, features = binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
     config = _numba_config()
     processor = (config.CPU_NAME or own, config.CPU_FEATURES or features)
-    return repr((numba.__version__, sys.implementation.cache_tag, *processor))
+    checked = bool(config.BOUNDSCHECK)
+    return repr((numba.__version__, sys.implementation.cache_tag, *processor, checked))
 
 
 @functools.cache

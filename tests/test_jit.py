@@ -251,7 +251,7 @@ def test_equal_files_of_a_user_in_two_folders_never_share_code(kernel_in):
     assert (hits(first), hits(second), hits(first)) == (0, 0, 1)
 
 
-def test_another_processor_or_another_numba_compiles_anew(kernel_in, monkeypatch):
+def test_another_processor_or_numba_and_checked_indices_compile_anew(kernel_in, monkeypatch):
     file = kernel_in("clone", "teleop_rt_example")
     assert (hits(file), hits(file)) == (0, 1)
     with monkeypatch.context() as other:
@@ -260,6 +260,9 @@ def test_another_processor_or_another_numba_compiles_anew(kernel_in, monkeypatch
     with monkeypatch.context() as other:
         other.setattr(numba, "__version__", "99.0")
         assert hits(file) == 0
+    with monkeypatch.context() as other:
+        other.setattr(numba.config, "BOUNDSCHECK", 1)
+        assert (hits(file), hits(file)) == (0, 1)
     assert hits(file) == 1
 
 
