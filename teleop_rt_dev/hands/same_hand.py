@@ -110,33 +110,38 @@ class StaysAsItWas:
     ) -> None:
         master = trial.master
         self._ticks, self._period_s = rendered.ticks, 1.0 / master.rate_hz
+        self._last = len(rendered.ticks) - 1
         self._until_s, self._stays_s, self._now = until_s, stays_s, -1
+        self._stays = self._ticks[self._at(stays_s)]
         self._body = IdealWall(trial.plant) if with_body else None
         self._most = master.force_max
-        self._leads_from = self._ticks[self._at(stays_s)].leads_from
+        self._leads_from = self._stays.leads_from
         self._leash = Leash(
             1e-3 * master.leash_mm, master.leash_force, rendered.grip, self._period_s / STEPS
         )
 
     def force(self, x: float, v: float, t_s: float) -> float:
         """Return the force of the walls and of the leash."""
-        stays, now = t_s > self._until_s, self._at(t_s)
-        if stays and now != self._now and t_s > self._stays_s:
-            self._now = now
-            if not self._holds(self._ticks[now], x) and not self._holds(
-                self._ticks[self._at(self._stays_s)], x - self._since(t_s)
-            ):
-                self._stays_s = t_s
-        tick = self._ticks[self._at(self._stays_s)] if stays else self._ticks[now]
-        place = x - tick.offset - (self._since(t_s) if stays else 0.0)
+        now = self._at(t_s)
+        if t_s > self._until_s:
+            if now != self._now and t_s > self._stays_s:
+                self._now = now
+                if not self._holds(self._ticks[now], x) and not self._holds(
+                    self._stays, x - self._since(t_s)
+                ):
+                    self._stays_s, self._stays = t_s, self._ticks[now]
+            tick, leads_from = self._stays, self._leads_from
+            place = x - tick.offset - self._since(t_s)
+        else:
+            tick = self._ticks[now]
+            place, leads_from = x - tick.offset, tick.leads_from
         force = tick.weight * self._of(tick.new, place, v)
         if tick.weight < 1.0:
             force += (1 - tick.weight) * self._of(tick.old, place, v)
-        leads_from = self._leads_from if stays else tick.leads_from
         return force + self._leash.update(x, x - leads_from, v)
 
     def _at(self, t_s: float) -> int:
-        return min(int(t_s / self._period_s), len(self._ticks) - 1)
+        return min(int(t_s / self._period_s), self._last)
 
     def _since(self, t_s: float) -> float:
         """Return how far the wall that stays has moved with the body."""
@@ -149,6 +154,8 @@ class StaysAsItWas:
         return tick.new.holds(place) or (tick.weight < 1.0 and tick.old.holds(place))
 
     def _of(self, wall: Wall, place: float, v: float) -> float:
+        if place <= wall.surface and not wall.terms and not wall.bilateral:
+            return 0.0  # most steps: the hand is in free air
         return max(-self._most, min(self._most, wall.force(place, v)))
 
 
