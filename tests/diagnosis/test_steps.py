@@ -65,7 +65,7 @@ def test_a_converter_as_coarse_as_the_noise_makes_no_force(steps: float) -> None
     read = step * np.round((levels + noise * rng.standard_normal(levels.size)) / step)
     means, raw = (
         np.mean((row - levels).reshape(12, -1)[:, 100:-100], axis=1)
-        for row in (without_steps(read, 20), read)
+        for row in (without_steps(read, 20, step), read)
     )
     chance = np.hypot(noise, step / np.sqrt(12.0)) / np.sqrt(800.0)
     assert np.sqrt(np.mean(means**2)) < 1.5 * chance
@@ -75,8 +75,39 @@ def test_a_converter_as_coarse_as_the_noise_makes_no_force(steps: float) -> None
 def test_a_force_without_steps_or_with_fine_ones_is_left_as_it_is() -> None:
     rng = np.random.default_rng(5)
     force = 10.0 + rng.standard_normal(3000)
-    for read in (force, 0.1 * np.round(force / 0.1)):
-        np.testing.assert_array_equal(without_steps(read, 20), read)
+    for read, step in ((force, 0.0), (0.1 * np.round(force / 0.1), 0.1)):
+        np.testing.assert_array_equal(without_steps(read, 20, step), read)
+
+
+COARSE_N = 0.4  # a step of a converter, ten times the noise before it
+
+
+def coarsely_pressed(seed: int, bias: float = 0.0, lost: int = 0) -> Recording:
+    """Return 8 s of slow presses whose force is read in 25 steps; some samples may be lost."""
+    dt = 2e-3
+    rng = np.random.default_rng(seed)
+    t = dt * np.arange(4000)
+    path = 2e-3 * np.sin(2.0 * np.pi * 0.37 * t) + 1e-3 * np.sin(2.0 * np.pi * 1.1 * t + 1.0)
+    speed = np.gradient(path, dt)
+    force = np.where(path > 0.0, np.maximum(3000.0 * path + 20.0 * speed, 0.0), 0.0) + bias
+    force += 0.1 * COARSE_N * rng.standard_normal(t.size)
+    read = COARSE_N * np.round((force + rng.uniform(-0.5, 0.5) * COARSE_N) / COARSE_N)
+    kept = np.delete(np.arange(t.size), rng.choice(t.size, lost, replace=False))
+    return from_arrays("coarse", t[kept], path[kept], read[kept])
+
+
+@pytest.mark.parametrize("lost", [0, 20])
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_a_converter_far_coarser_than_the_noise_is_no_effect(seed: int, lost: int) -> None:
+    """In free air it reads one value, which may be off by half a step: that is no bias."""
+    found = diagnose(coarsely_pressed(seed, lost=lost), "kelvin-voigt")
+    assert found.answer["verdict"] == "no_missing_effect"
+    assert found.problem.force_step == pytest.approx(COARSE_N)
+
+
+def test_a_bias_of_several_steps_is_a_bias() -> None:
+    answer = diagnose(coarsely_pressed(4, bias=5.0 * COARSE_N), "kelvin-voigt").answer
+    assert ["force_bias"] in answer["class"]
 
 
 def test_rests_read_by_a_coarse_converter_are_no_ripple() -> None:

@@ -198,7 +198,7 @@ def test_a_slow_rounded_force_is_prepared(rows: np.ndarray) -> None:
     t, x, force = rows.T
     read = from_arrays("slow", t * 2.5, 1e-3 * x, 0.05 * np.round(force / 0.05))
     assert problem_of(read, base_of("spring,viscous,bias"), 0.0).force.size == SAMPLES
-    assert np.std(without_steps(read.force, 2) - read.force) < 0.05
+    assert np.std(without_steps(read.force, 2, read.force_step) - read.force) < 0.05
 
 
 def test_a_stiffness_of_a_testing_machine_is_taken_where_its_units_are_stated(

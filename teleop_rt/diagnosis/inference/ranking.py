@@ -35,7 +35,12 @@ from teleop_rt.diagnosis.inference.verdict import (
     simpler_names,
 )
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.noise.encoder import errors_without_jumps, input_floor, within_a_step
+from teleop_rt.diagnosis.noise.encoder import (
+    converter_floor,
+    errors_without_jumps,
+    input_floor,
+    within_a_step,
+)
 from teleop_rt.diagnosis.noise.structure import (
     AirContactNoise,
     LackOfFit,
@@ -71,9 +76,14 @@ class Ranking:
         return input_floor(self.problem, self.base, self.errors)
 
     @cached_property
+    def _reading_errors(self) -> Matrix:
+        """The same with the mean errors of the steps in which the force is read."""
+        return self.rows + converter_floor(self.problem, self.base, len(self.rows))
+
+    @cached_property
     def floor(self) -> float:
-        """Energy of encoder errors in the structure of the base's residual."""
-        return self._structure_energy(self.rows, self._base_tangent_space)
+        """Energy of reading errors in the structure of the base's residual."""
+        return self._structure_energy(self._reading_errors, self._base_tangent_space)
 
     def floor_of(self, fit: Fit) -> float:
         """Return the same energy for a fit: a mass amplifies encoder errors more than a spring."""
@@ -167,8 +177,8 @@ class Ranking:
         `own` is the fit's tangent space with all searched parameters. The search of a shape fits
         more of these errors than its derivatives at the optimum show (`SEARCHED_SHAPE_FACTOR`).
         """
-        by_fit = self.rows @ own
-        by_base = self.rows @ self._base_tangent_space
+        by_fit = self._reading_errors @ own
+        by_base = self._reading_errors @ self._base_tangent_space
         added = float(np.max(np.sum(by_fit**2, axis=1) - np.sum(by_base**2, axis=1)))
         searched = any(effect.shapes for effect in fit.model.effects)
         return max(added, 0.0) * (SEARCHED_SHAPE_FACTOR if searched else 1.0)

@@ -13,6 +13,7 @@ from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.converter import before_steps, mean_error
 from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import (
     RecordedMotion,
@@ -20,7 +21,7 @@ from teleop_rt.diagnosis.samples.motion import (
     reading_noise,
     resolution_step,
 )
-from teleop_rt.diagnosis.samples.rows import quantisation_step
+from teleop_rt.diagnosis.samples.rows import force_noise, quantisation_step
 from teleop_rt.diagnosis.samples.smoothing import lost_motion, moves_in_steps
 
 _JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side
@@ -134,6 +135,21 @@ def _rests(position: Vector, least: int) -> NDArray[np.intp]:
 def input_floor(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
     """Return the whitened force errors that encoder errors cause, one row per motion."""
     return problem.whitener(_force_errors(problem, fit, errors))
+
+
+def converter_floor(problem: Problem, fit: Fit, draws: int, seed: int = 7) -> Matrix:
+    """Return the whitened mean errors of the steps in which the force is read (draws x values).
+
+    Each draw shifts the grid of steps under the fit's force. Noise smaller than a step leaves an
+    error that is the same at each visit to a force: a bias in free air, a ripple along the force.
+    """
+    step = problem.force_step
+    if step <= 0.0:
+        return np.zeros((draws, problem.target.size))
+    noise = before_steps(force_noise(problem.force, step), step)
+    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    shifts = np.random.default_rng(seed).uniform(-0.5, 0.5, draws) * step
+    return problem.whitener(np.array([mean_error(clean + s, step, noise) for s in shifts]))
 
 
 def errors_without_jumps(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:

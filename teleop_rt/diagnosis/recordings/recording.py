@@ -13,7 +13,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.diagnosis.recordings.table_files import read_table
 from teleop_rt.diagnosis.samples.filters import spline
-from teleop_rt.diagnosis.samples.rows import Stretch, lone, stretches
+from teleop_rt.diagnosis.samples.rows import Stretch, lone, quantisation_step, stretches
 from teleop_rt.errors import RecordingError
 from teleop_rt.section import LEAST, MOST
 
@@ -37,7 +37,8 @@ class Recording:
     Units are the rig's, `m` and `N` or `rad` and `Nm`; x > 0 points into the environment, f > 0
     presses on it. `surface` is what the recording itself says, None where it says nothing; `jitter`
     is how far samples were taken from where they lie now, as a share of their period;
-    `units_stated` where the file or the user says the units of position and force.
+    `units_stated` where the file or the user says the units of position and force; `force_step` is
+    the step in which the force was read before it was resampled, 0 where none is seen.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Recording:
     missing: int = 0
     jitter: float = 0.0
     units_stated: bool = False
+    force_step: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -224,6 +226,7 @@ def from_arrays(
         gaps=len(gaps),
         missing=sum(past - first for first, past in gaps),
         jitter=float(np.std((t - t[0]) / dt - np.round((t - t[0]) / dt))),
+        force_step=quantisation_step(force[good]),
     )
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.samples.filters import local_polynomial
-from teleop_rt.diagnosis.samples.rows import quantisation_step
 
 _HARMONICS = np.arange(1, 9)  # of the mean error over a step; noise suppresses higher ones
 _HIDDEN_STEP_RATIO = 1.2  # of the noise; smaller steps leave no mean error to correct
@@ -19,25 +18,29 @@ _LEAST_NOISE_STEPS = 0.05  # of a step: the least noise, so that the mean error 
 _TABLE_SIZE = 401  # points of the inverse over one step
 
 
-def without_steps(force: Vector, half: int) -> Vector:
-    """Return the force without the mean error of the steps that it was read in.
+def without_steps(force: Vector, half: int, step: float) -> Vector:
+    """Return the force without the mean error of the `step` in which it was read.
 
     `half` is half the width [samples] of a window in which the force changes little. A force
     without steps, or with steps hidden by the noise, is returned unchanged.
     """
-    step = quantisation_step(force)
     if step <= 0.0:
         return force
     smooth = local_polynomial(force, half, 3)
     scatter = _scatter(force - smooth, 2 * half + 1)
-    noise = float(np.sqrt(max(scatter**2 - step**2 / 12.0, (_LEAST_NOISE_STEPS * step) ** 2)))
+    noise = before_steps(scatter, step)
     if step < _HIDDEN_STEP_RATIO * noise:
         return force
     places = np.linspace(-0.5, 0.5, _TABLE_SIZE) * step
-    read = places + _mean_error(places, step, noise)
+    read = places + mean_error(places, step, noise)
     whole = step * np.round(smooth / step)
     true = whole + np.interp(smooth - whole, read, places)
-    return np.asarray(force - _mean_error(true, step, noise), dtype=np.float64)
+    return np.asarray(force - mean_error(true, step, noise), dtype=np.float64)
+
+
+def before_steps(noise: float, step: float) -> float:
+    """Return the deviation of the noise before a converter's steps, from that after them."""
+    return float(np.sqrt(max(noise**2 - step**2 / 12.0, (_LEAST_NOISE_STEPS * step) ** 2)))
 
 
 def _scatter(rest: Vector, width: int) -> float:
@@ -49,7 +52,7 @@ def _scatter(rest: Vector, width: int) -> float:
     return float(np.sqrt(np.median(np.mean(blocks**2, axis=1)) / (1.0 - 2.25 / width)))
 
 
-def _mean_error(force: Vector, step: float, noise: float) -> Vector:
+def mean_error(force: Vector, step: float, noise: float) -> Vector:
     """Return the mean over the noise of reading minus force."""
     k = _HARMONICS[:, None]
     weights = (-1.0) ** k / k * np.exp(-2.0 * (np.pi * k * noise / step) ** 2)

@@ -24,7 +24,6 @@ from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settli
 from teleop_rt.diagnosis.samples.rows import (
     force_noise,
     outliers,
-    quantisation_step,
     robust_deviation,
     stretches,
     without_lone,
@@ -100,7 +99,7 @@ def problem_of(
     calm = without_lone(recording.force)
     motion = motion_of(recording.position, calm, recording.dt, surface, half, touches=base.touches)
     motion = replace(motion, scales={**motion.scales, "onset": within})
-    noise = max(force_noise(recording.force), 1e-9 * motion.scales["force"])
+    noise = max(force_noise(recording.force, recording.force_step), 1e-9 * motion.scales["force"])
     # There the local polynomial looks to one side only, and its derivatives are a guess.
     mask = recording.mask.copy()
     mask[: 2 * half] = mask[-2 * half :] = 0.0
@@ -116,9 +115,8 @@ def problem_of(
     whitener = whiten.white(mask, noise, recording.dt)
     settled = settling(recording.position, recording.dt)
     little_moves = min(half, max(_FEWEST_OF_A_CUBIC, round(HALF_WINDOWS_S[0] / recording.dt)))
-    force = without_steps(recording.force, little_moves)
-    step = quantisation_step(recording.force)
-    problem = Problem(motion, force, whitener, surface, resolution, settled, step)
+    force = without_steps(recording.force, little_moves, recording.force_step)
+    problem = Problem(motion, force, whitener, surface, resolution, settled, recording.force_step)
     if in_steps:
         problem = _within_band(problem, calm, noise)
     if not base.touches:
