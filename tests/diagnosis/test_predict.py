@@ -23,6 +23,7 @@ V = np.gradient(X, DT)
 SCALES = {
     "": 1.0,
     "travel": 0.006,
+    "place": 0.0,
     "speed": 0.08,
     "duration": 2.0,
     "compliance": 5e-4,
