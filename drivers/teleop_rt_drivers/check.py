@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
+from teleop_rt.config_link import LinkConfig
 from teleop_rt.link.keys import KeyFileError, load_keys
 from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
 from teleop_rt_drivers.bus_load import (
@@ -30,7 +31,6 @@ from teleop_rt_drivers.stall_check import check_stalls
 from teleop_rt_drivers.transport import DEFAULT_BIT_RATE
 
 if TYPE_CHECKING:
-    from teleop_rt.config_link import LinkConfig
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus_load import Load
     from teleop_rt_drivers.canopen.drive_config import ForceInputConfig
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 WARN_ABOVE = 0.9
 """Share of what is allowed that is worth a word."""
 INT32 = 2**31 - 1
+SIMULATED_NETWORK = ("round_trip_ms", "jitter_ms", "loss", "duplicate", "reorder", "blackouts_s")
+"""Keys of a trial's `link` that worsen the network, each of no effect by default."""
 SPEED_SATURATES = 0.32767
 """Speed [rig unit/s] at which 6030h:1, 16 bits of 0.01 mm/s, ends."""
 
@@ -90,6 +92,17 @@ def check_link(link: LinkConfig) -> list[Finding]:
         step = "keep the key secret, and let the firewall admit the peer alone"
         findings.append(Finding("warning", what, "link.bind_host", step))
     return findings
+
+
+def check_network(link: LinkConfig) -> list[Finding]:
+    """Return a warning that lists what simulates a poor network, for a trial on real hardware."""
+    ideal = LinkConfig()
+    set_here = [key for key in SIMULATED_NETWORK if getattr(link, key) != getattr(ideal, key)]
+    if not set_here:
+        return []
+    what = f"a poor network is simulated on real hardware: {', '.join(set_here)}"
+    step = "remove these keys, unless the real network is to be made worse"
+    return [Finding("warning", what, f"link.{set_here[0]}", step)]
 
 
 def _check_descriptions(rig: RigConfig) -> list[Finding]:

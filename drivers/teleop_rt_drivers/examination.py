@@ -19,7 +19,7 @@ from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import UNIX, open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
-from teleop_rt_drivers.check import check_link, check_placeholders, check_rig
+from teleop_rt_drivers.check import check_link, check_network, check_placeholders, check_rig
 from teleop_rt_drivers.device_check import check_device
 from teleop_rt_drivers.doctor import (
     examine_axis,
@@ -52,6 +52,8 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
         findings += check_link(trial.link)
         if trial.plant is None and not isinstance(rig.axis, RecordingAxisConfig):
             findings += check_hardware_stalls(rig, "")
+            if not between_processes(rig):
+                findings += check_network(trial.link)
         if isinstance(trial.operator, DeviceOperator):
             for found in check_rig(trial.operator.rig):
                 findings.append(replace(found, where=f"operator.rig.{found.where}"))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import can
 import pytest
+import yaml
 from canopen.sdo.exceptions import SdoAbortedError
 from framed_bench import MS, RIGS, FramedBench, edited, load
 
@@ -251,6 +252,32 @@ def test_check_prints_one_json_object_and_fails_on_an_error(call):
     code, out = call("check", RIGS / "simulated_serial.yaml")
     assert code == 0
     assert "% of 460800 bit/s is used at 1000 Hz" in out
+
+
+def on_hardware(tmp_path, **link):
+    """The default trial without `plant`, on an adapter, with these keys of `link`."""
+    trial = yaml.safe_load(TRIAL.read_text())
+    del trial["plant"]
+    network = {"round_trip_ms", "jitter_ms", "loss"}
+    trial["link"] = {k: v for k, v in trial["link"].items() if k not in network} | link
+    rig = (RIGS / "simulated_canopen.yaml").read_text()
+    rig = re.sub(r"interface: \w+", "interface: socketcan", rig)
+    (tmp_path / "rig.yaml").write_text(re.sub(r"channel: \S+", "channel: can0", rig))
+    (tmp_path / "trial.yaml").write_text(yaml.safe_dump(trial | {"rig": "rig.yaml"}))
+    return tmp_path / "trial.yaml"
+
+
+def test_a_simulated_network_is_reported_where_no_plant_is_simulated(call, tmp_path):
+    def said(trial):
+        findings = json.loads(call("check", trial, "--json")[1])["findings"]
+        return [one for one in findings if "poor network" in one["what"]]
+
+    assert said(TRIAL) == [], "the plant is simulated as well"
+    assert said(on_hardware(tmp_path)) == []
+    (found,) = said(on_hardware(tmp_path, round_trip_ms=150, loss=0.01))
+    assert found["severity"] == "warning"
+    assert found["what"].endswith(": round_trip_ms, loss")
+    assert found["where"] == "link.round_trip_ms"
 
 
 def surveyed(rig, bench):
