@@ -31,7 +31,7 @@ class Late(IntEnum):
 
 
 # By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call.
-IN_TIME, HOLD, STOP = Late
+IN_TIME, LATE_STOP = Late.IN_TIME, Late.STOP
 _IN_TIME, _HOLD, _STOP = range(3)  # for kernels, which know numbers alone
 
 

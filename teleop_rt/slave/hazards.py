@@ -22,8 +22,6 @@ class Demand(IntEnum):
     STOP = 2
 
 
-# As in `faults`: a tick finds them at once.
-NONE, HOLD, STOP = Demand
 _NONE, _HOLD, _STOP = range(3)  # for kernels, which know numbers alone
 
 

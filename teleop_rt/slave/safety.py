@@ -19,8 +19,8 @@ _STATE_AT, _FAULT_AT, _HELD_BY_AT = place("state"), place("fault"), place("held_
 _FOLLOWINGS_AT, _HOLDS_AT = place("followings"), place("holds")
 # For kernels, which know numbers alone: states, demands, reactions to lateness, faults.
 _SELFTEST, _DISARMED, _ARMED, _RUN, _HOLD, _SAFE_STOP, _FAULT = range(1, 8)
-_NONE, _STOP = int(hazards.NONE), int(hazards.STOP)
-_IN_TIME, _LATE_STOP = int(lateness.IN_TIME), int(lateness.STOP)
+_NONE, _STOP = int(hazards.Demand.NONE), int(hazards.Demand.STOP)
+_IN_TIME, _LATE_STOP = int(lateness.IN_TIME), int(lateness.LATE_STOP)
 _LATE_TICKS, _SAMPLES_LOST = faults.LATE_TICKS.code, faults.SAMPLES_LOST.code
 _FORCE_LIMIT, _POSITION_LIMIT = faults.FORCE_LIMIT.code, faults.POSITION_LIMIT.code
 

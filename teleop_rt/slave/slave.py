@@ -30,7 +30,7 @@ from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.record import CAME_IN, TickRecord, place
 from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
-from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP, ZEROS, decide
+from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP_DRIVE, ZEROS, decide
 from teleop_rt.slave.supervision import Supervision
 
 # Where the fields that this module reads one by one are in the record of a tick.
@@ -322,7 +322,7 @@ class Slave:
         A link that could become slower while the axis follows would let old motion pass for news.
         """
         clock = self._endpoint.clock
-        if action == STOP:
+        if action == STOP_DRIVE:
             clock.release()
         elif self._counts[_LED] and not clock.fixed:
             self._endpoint.fix_clock()
@@ -330,7 +330,7 @@ class Slave:
     def _act(self, action: int) -> None:
         if action == FOLLOW:
             self._axis.write(self._floats[_WRITTEN])
-        elif action == STOP:
+        elif action == STOP_DRIVE:
             self._axis.stop()
         else:
             self._stand()

@@ -30,7 +30,7 @@ from teleop_rt.slave.supervision import disagreement, unpowered
 
 CHECK, LEAD = range(2)
 """Where a step begins: at its start, or after the zeros have been advanced."""
-ZEROS, STOP, STAND, FOLLOW = range(4)
+ZEROS, STOP_DRIVE, STAND, FOLLOW = range(4)
 """The action to take: advance the zeros and go on, stop the drive, stand, or follow."""
 _ARMED, _RUN, _HOLD = int(faults.ARMED), int(faults.RUN), int(faults.HOLD)
 _MOST = np.uint64(2**63 - 1)
@@ -134,7 +134,7 @@ def act(t: Tick) -> int:
     """Set the command; return what is to be done with it."""
     if not is_powered(t.state):
         stand_at(t, t.position)
-        return STOP
+        return STOP_DRIVE
     if t.state == _ARMED and not (t.enabled > 0 and t.homed > 0):
         return STAND
     t.written = limit(t, t.target) - t.shift

@@ -19,7 +19,7 @@ from teleop_rt.service.place import Claim
 from teleop_rt.service.status import DESCRIPTION
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, write_json
-from teleop_rt.trial.processes import Child, Supervisor, start_recorder
+from teleop_rt.trial.processes import Child, TrialProcesses, start_recorder
 
 SERVER = "commands"
 _SERVER_MODULE = "teleop_rt.service.server"
@@ -39,7 +39,7 @@ class Alone:
     overrides: list[str]
     folder: Path
     session: Path
-    supervisor: Supervisor
+    processes: TrialProcesses
     recorder: Child
 
     @contextmanager
@@ -50,11 +50,11 @@ class Alone:
         """
         place = claim.take(rig_name, reached_by, self.session)
         place_and_session = [str(self.session), str(place.socket)]
-        server = self.supervisor.start_kept(SERVER, self.session, _SERVER_MODULE, place_and_session)
+        server = self.processes.start_kept(SERVER, self.session, _SERVER_MODULE, place_and_session)
         try:
             yield
         finally:
-            self.supervisor.end([server.name])
+            self.processes.end([server.name])
 
     def describe(self, trial: TrialConfig, privileges: list[str], refusal: str) -> None:
         """Write this process's description for `status` into the session.
@@ -79,11 +79,11 @@ class Alone:
 
     def wait_ready(self) -> None:
         """Wait until recorder and command server can be relied on."""
-        self.supervisor.wait_ready(*self.supervisor.children)
+        self.processes.wait_ready(*self.processes.children)
 
     def finish(self, outcome: dict[str, Any]) -> None:
         """End the recorder, then write what this side counted as its summary."""
-        self.supervisor.end([self.recorder.name])
+        self.processes.end([self.recorder.name])
         recorded = self.recorder.events.get("done", _NO_REPORT)
         commands = kept(self.session, SERVER)
         notes = [*of_recorder(recorded), *of_helper("command server", commands)]
@@ -105,13 +105,13 @@ def alone(
     """Give a side that was started alone its session, which a process of its own records."""
     with new_session() as session:
         describe(session, recording_metadata(trial))
-        supervisor = Supervisor(folder / LOG, loop_cpu=trial.rig.realtime.cpu)
+        processes = TrialProcesses(folder / LOG, loop_cpu=trial.rig.realtime.cpu)
         try:
-            recorder = start_recorder(supervisor, session, folder)
+            recorder = start_recorder(processes, session, folder)
             run = (trial_file, overrides, folder, session)
-            yield Alone(side, trial.name, *run, supervisor, recorder)
+            yield Alone(side, trial.name, *run, processes, recorder)
         finally:
-            supervisor.close()
+            processes.close()
 
 
 class PlainEvents:

@@ -20,7 +20,14 @@ from teleop_rt.master.operators import Operator
 from teleop_rt.master.outcome import outcome
 from teleop_rt.master.passivity import Port
 from teleop_rt.realtime import lateness
-from teleop_rt.realtime.lateness import IN_TIME, ON_HARDWARE, STOP, Late, Lateness, late_ns
+from teleop_rt.realtime.lateness import (
+    IN_TIME,
+    LATE_STOP,
+    ON_HARDWARE,
+    Late,
+    Lateness,
+    late_ns,
+)
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, MASTER_TOPIC
 from teleop_rt.trial.late import both
@@ -106,7 +113,7 @@ class MasterSide:
         if not self.on_hardware.stopped:
             self.on_hardware.update(late_ns)
         late = self.late.update(late_ns)
-        if late is STOP and device is not None:
+        if late is LATE_STOP and device is not None:
             device.give_up()
         return late
 

@@ -67,7 +67,7 @@ class Child:
             self.events[event.pop("event")] = event
 
 
-class Supervisor:
+class TrialProcesses:
     """Starts the processes of a trial and ends all of them when one ends.
 
     `leader` names the process whose end in good order is the end of the trial. All others keep off
@@ -220,6 +220,6 @@ class Gate:
         os.close(self._reading)
 
 
-def start_recorder(supervisor: Supervisor, session: Path, folder: Path) -> Child:
+def start_recorder(processes: TrialProcesses, session: Path, folder: Path) -> Child:
     """Start what records the rings of a session, once that is described, into a run folder."""
-    return supervisor.start_kept("recorder", session, _RECORDER, [str(session), str(folder)])
+    return processes.start_kept("recorder", session, _RECORDER, [str(session), str(folder)])

@@ -22,7 +22,7 @@ from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, TRUTH, write_json
-from teleop_rt.trial.processes import Child, Gate, ProcessFailedError, Supervisor
+from teleop_rt.trial.processes import Child, Gate, ProcessFailedError, TrialProcesses
 from teleop_rt.trial.recorder_main import main as record
 from teleop_rt.trial.sides import merge_outcomes
 
@@ -64,19 +64,19 @@ def run_processes(
         if trial.link.key_file is None:
             generate_key(key)
         describe(session, recording_metadata(trial))
-        supervisor = Supervisor(folder / LOG, "slave", trial.rig.realtime.cpu)
+        processes = TrialProcesses(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
             side = partial(run_side, folder=folder, session=session, key=key)
             with prepared_to_fork():
-                recorder = supervisor.fork_kept(
+                recorder = processes.fork_kept(
                     "recorder", session, record, [str(session), str(folder)]
                 )
-                ended = supervise(trial, supervisor, recorder, side, progress, over)
-            complete_truth(folder, supervisor.children)
+                ended = run_to_end(trial, processes, recorder, side, progress, over)
+            complete_truth(folder, processes.children)
             return ended
         finally:
-            supervisor.end(_STOPPING_ORDER)
-            supervisor.close()
+            processes.end(_STOPPING_ORDER)
+            processes.close()
 
 
 def complete_truth(folder: Path, children: Sequence[Child]) -> None:
@@ -104,9 +104,9 @@ def prepared_to_fork() -> Iterator[None]:
         gc.unfreeze()
 
 
-def supervise(
+def run_to_end(
     trial: TrialConfig,
-    supervisor: Supervisor,
+    processes: TrialProcesses,
     recorder: Child,
     side: Callable[..., None],
     progress: Callable[[float], None],
@@ -118,28 +118,28 @@ def supervise(
     """
     first = [recorder]
     if trial.plant is not None:
-        first.append(supervisor.start("sim", partial(side, "sim", others=_none)))
-    first.append(master := supervisor.start("master", partial(side, "master", others=_none)))
+        first.append(processes.start("sim", partial(side, "sim", others=_none)))
+    first.append(master := processes.start("master", partial(side, "master", others=_none)))
     with closing(Gate()) as gate:
-        slave = supervisor.start("slave", partial(side, "slave", others=gate.wait))
-        supervisor.wait_ready(*first)
+        slave = processes.start("slave", partial(side, "slave", others=gate.wait))
+        processes.wait_ready(*first)
         gate.open()
     failure: ProcessFailedError | None = None
     interrupted = False
     try:
         try:
-            supervisor.wait_ready(slave)
-            _watch(supervisor, slave, progress)
+            processes.wait_ready(slave)
+            _watch(processes, slave, progress)
         finally:
             over()
         # At once: without a slave it would freeze and declutch while the slave's process ends.
-        supervisor.end(["master"])
-        supervisor.run_until(lambda: slave.ended)
+        processes.end(["master"])
+        processes.run_until(lambda: slave.ended)
     except ProcessFailedError as error:
         failure = error
     except KeyboardInterrupt:
         interrupted = True
-    supervisor.end(_STOPPING_ORDER)
+    processes.end(_STOPPING_ORDER)
     if "ready" not in slave.events:  # it has not ticked, and an interrupt has no trial to end
         raise failure or KeyboardInterrupt
     return outcome_of(slave, master, recorder, interrupted=interrupted), failure
@@ -149,14 +149,14 @@ def _none() -> None:
     """Wait for nobody."""
 
 
-def _watch(supervisor: Supervisor, slave: Child, progress: Callable[[float], None]) -> None:
+def _watch(processes: TrialProcesses, slave: Child, progress: Callable[[float], None]) -> None:
     start = time.monotonic()
 
     def done() -> bool:
         progress(time.monotonic() - start)
         return slave.ended or "done" in slave.events
 
-    supervisor.run_until(done)
+    processes.run_until(done)
 
 
 def outcome_of(

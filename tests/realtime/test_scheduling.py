@@ -17,7 +17,7 @@ import pytest
 from teleop_rt.realtime import own_pages, scheduling
 from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.lateness import late_ns
-from teleop_rt.trial.processes import Supervisor
+from teleop_rt.trial.processes import TrialProcesses
 
 
 @pytest.fixture
@@ -285,13 +285,13 @@ def test_a_spin_sleeps_less_and_wakes_nearer_to_the_deadline(machine):
 def test_what_runs_beside_the_loop_keeps_off_its_core_and_the_loop_stays(tmp_path):
     cores = os.sched_getaffinity(0)
     loop_cpu = max(cores)
-    supervisor = Supervisor(tmp_path / "log", "loop", loop_cpu)
+    processes = TrialProcesses(tmp_path / "log", "loop", loop_cpu)
     try:
-        beside, loop = (supervisor.start(name, signal.pause) for name in ("recorder", "loop"))
+        beside, loop = (processes.start(name, signal.pause) for name in ("recorder", "loop"))
         assert os.sched_getaffinity(beside.process.pid) == cores - {loop_cpu}
         assert os.sched_getaffinity(loop.process.pid) == cores
     finally:
-        supervisor.close()
+        processes.close()
 
 
 def test_the_only_core_is_shared(monkeypatch):

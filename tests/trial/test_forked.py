@@ -15,18 +15,18 @@ from teleop_rt.realtime.parent import emit_to_parent
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.state_file import found
 from teleop_rt.service.keeper import kept
-from teleop_rt.trial.processes import Gate, ProcessFailedError, Supervisor
+from teleop_rt.trial.processes import Gate, ProcessFailedError, TrialProcesses
 from teleop_rt_dev.trial.files import SILICONE
 
 
 @pytest.fixture
-def supervisor(tmp_path):
-    made = Supervisor(tmp_path / "log", "leader")
+def processes(tmp_path):
+    made = TrialProcesses(tmp_path / "log", "leader")
     yield made
     made.close()
 
 
-def test_a_fork_reports_its_events_and_finds_loaded_what_the_run_has_loaded(supervisor):
+def test_a_fork_reports_its_events_and_finds_loaded_what_the_run_has_loaded(processes):
     loaded = set(sys.modules)
 
     def main():
@@ -36,14 +36,14 @@ def test_a_fork_reports_its_events_and_finds_loaded_what_the_run_has_loaded(supe
         )
         signal.pause()
 
-    child = supervisor.start("master", main)
-    supervisor.wait_ready(child)
+    child = processes.start("master", main)
+    processes.wait_ready(child)
     assert child.events["ready"]["imported"] == []
-    supervisor.end(["master"])
+    processes.end(["master"])
     assert child.process.poll() == -signal.SIGTERM
 
 
-def test_a_fork_that_prepares_itself_writes_what_it_took_over_without_page_faults(supervisor):
+def test_a_fork_that_prepares_itself_writes_what_it_took_over_without_page_faults(processes):
     pages = mmap.mmap(-1, 4096 * mmap.PAGESIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     pages.madvise(mmap.MADV_NOHUGEPAGE)
     places = range(0, len(pages), mmap.PAGESIZE)
@@ -61,36 +61,36 @@ def test_a_fork_that_prepares_itself_writes_what_it_took_over_without_page_fault
         signal.pause()
 
     write()
-    child = supervisor.start("slave", main)
-    supervisor.wait_ready(child)
+    child = processes.start("slave", main)
+    processes.wait_ready(child)
     assert child.events["ready"]["faults"] < 40
-    supervisor.end(["slave"])
+    processes.end(["slave"])
 
 
-def test_a_fork_obeys_a_signal_also_where_the_run_turns_signals_into_interrupts(supervisor):
+def test_a_fork_obeys_a_signal_also_where_the_run_turns_signals_into_interrupts(processes):
     with Interrupts() as interrupts:
         interrupts.hold()
-        child = supervisor.start("master", signal.pause)
-        supervisor.end(["master"])
+        child = processes.start("master", signal.pause)
+        processes.end(["master"])
     assert child.process.wait() == -signal.SIGTERM
 
 
-def test_an_expected_error_in_a_fork_goes_to_the_log_with_its_exit_code(supervisor, tmp_path):
+def test_an_expected_error_in_a_fork_goes_to_the_log_with_its_exit_code(processes, tmp_path):
     class RefusedError(ExpectedError):
         code = 2
 
     def main():
         raise RefusedError("rig.yaml: no such rig")
 
-    child = supervisor.start("sim", main)
+    child = processes.start("sim", main)
     with pytest.raises(ProcessFailedError, match="sim: ended with exit code 2") as failed:
-        supervisor.wait_ready(child)
+        processes.wait_ready(child)
     assert failed.value.code == 2
     assert (tmp_path / "log").read_text() == "rig.yaml: no such rig\n"
     assert child.process.wait() == 2
 
 
-def test_a_fork_that_obeys_no_signal_is_killed(supervisor, monkeypatch):
+def test_a_fork_that_obeys_no_signal_is_killed(processes, monkeypatch):
     monkeypatch.setattr("teleop_rt.trial.processes.END_TIMEOUT_S", 0.2)
 
     def main():
@@ -99,13 +99,13 @@ def test_a_fork_that_obeys_no_signal_is_killed(supervisor, monkeypatch):
         while True:
             signal.pause()
 
-    child = supervisor.start("master", main)
-    supervisor.wait_ready(child)
-    supervisor.end(["master"])
+    child = processes.start("master", main)
+    processes.wait_ready(child)
+    processes.end(["master"])
     assert child.process.poll() == -signal.SIGKILL
 
 
-def test_a_fork_goes_on_when_its_gate_opens_and_not_before(supervisor, tmp_path):
+def test_a_fork_goes_on_when_its_gate_opens_and_not_before(processes, tmp_path):
     gate, passed = Gate(), tmp_path / "passed"
 
     def main():
@@ -114,24 +114,24 @@ def test_a_fork_goes_on_when_its_gate_opens_and_not_before(supervisor, tmp_path)
         emit_to_parent("ready")
         signal.pause()
 
-    child = supervisor.start("slave", main)
-    supervisor.watch(0.0)
+    child = processes.start("slave", main)
+    processes.watch(0.0)
     assert child.process.poll() is None
     assert not passed.exists()
     gate.open()
-    supervisor.wait_ready(child)
+    processes.wait_ready(child)
     assert passed.exists()
     gate.close()
 
 
-def test_a_fork_leaves_where_its_gate_is_closed_without_having_opened(supervisor):
+def test_a_fork_leaves_where_its_gate_is_closed_without_having_opened(processes):
     gate = Gate()
-    child = supervisor.start("slave", gate.wait)
+    child = processes.start("slave", gate.wait)
     gate.close()
     assert child.process.wait(10.0) == 1
 
 
-def test_a_forked_helper_is_kept_going_and_finishes_at_the_end(supervisor, tmp_path):
+def test_a_forked_helper_is_kept_going_and_finishes_at_the_end(processes, tmp_path):
     def main(arguments):
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
         emit_to_parent("ready", arguments=list(arguments))
@@ -144,13 +144,13 @@ def test_a_forked_helper_is_kept_going_and_finishes_at_the_end(supervisor, tmp_p
     def helper():
         return (found(tmp_path / "recorder.keeper") or {})["helper"]
 
-    child = supervisor.fork_kept("recorder", tmp_path, main, ["one"])
-    supervisor.wait_ready(child)
+    child = processes.fork_kept("recorder", tmp_path, main, ["one"])
+    processes.wait_ready(child)
     assert child.events["ready"]["arguments"] == ["one"]
     first = helper()["pid"]
     os.kill(first, signal.SIGKILL)
-    supervisor.run_until(lambda: after_restarts(1) and helper()["pid"] != first)
-    supervisor.end(["recorder"])
+    processes.run_until(lambda: after_restarts(1) and helper()["pid"] != first)
+    processes.end(["recorder"])
     assert child.events["done"]["finished"]
     assert child.process.poll() == 0
 

@@ -10,13 +10,13 @@ import pytest
 from teleop_rt.config_loader import load_trial
 from teleop_rt.interrupts import Interrupts
 from teleop_rt.trial import run_processes as module
-from teleop_rt.trial.processes import Child, ProcessFailedError, Supervisor
+from teleop_rt.trial.processes import Child, ProcessFailedError, TrialProcesses
 from teleop_rt_dev.trial.files import SILICONE
 from teleop_rt_drivers import registry
 
 
 class Ending:
-    """A supervisor whose trial ends in this way; Ctrl-C comes while its processes are ended."""
+    """A processes whose trial ends in this way; Ctrl-C comes while its processes are ended."""
 
     def __init__(self, end) -> None:
         self._end = end
@@ -40,20 +40,20 @@ class Ending:
 @pytest.mark.parametrize("end", [None, ProcessFailedError("slave: gone", 1), KeyboardInterrupt()])
 def test_an_interrupt_while_the_processes_are_ended_loses_neither_outcome_nor_failure(end):
     trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS)
-    supervisor = Ending(end)
+    processes = Ending(end)
     with Interrupts() as interrupts:
-        outcome, failure = module.supervise(
-            trial, supervisor, Child("recorder", None), print, lambda _: None, interrupts.hold
+        outcome, failure = module.run_to_end(
+            trial, processes, Child("recorder", None), print, lambda _: None, interrupts.hold
         )
     at_once = ["master"] if end is None else []  # in good order: nobody leads it any more
-    assert supervisor.ended == [*at_once, "slave", "master", "sim", "recorder"]
+    assert processes.ended == [*at_once, "slave", "master", "sim", "recorder"]
     assert outcome["clock"] == "real"
     assert outcome["privileges"] == ["slave: refused (no); ask"]
     assert failure is (end if isinstance(end, ProcessFailedError) else None)
 
 
 class EndingAtTheFirstTick(Ending):
-    """A supervisor to whom Ctrl-C comes while the slave's word that it is ready is on its way."""
+    """A processes to whom Ctrl-C comes while the slave's word that it is ready is on its way."""
 
     def __init__(self, *, ready) -> None:
         super().__init__(None)
@@ -74,12 +74,12 @@ def test_an_interrupt_between_the_first_tick_and_the_word_of_it_ends_a_trial_tha
     trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS)
     given = (Child("recorder", None), print, lambda _: None)
     with Interrupts() as interrupts:
-        outcome, failure = module.supervise(
+        outcome, failure = module.run_to_end(
             trial, EndingAtTheFirstTick(ready=True), *given, interrupts.hold
         )
     assert (outcome["interrupted"], failure) == (True, None)
     with Interrupts() as interrupts, pytest.raises(KeyboardInterrupt):
-        module.supervise(trial, EndingAtTheFirstTick(ready=False), *given, interrupts.hold)
+        module.run_to_end(trial, EndingAtTheFirstTick(ready=False), *given, interrupts.hold)
 
 
 def test_the_truth_of_a_run_has_what_each_process_simulated(tmp_path):
@@ -111,5 +111,5 @@ def test_processes_that_cannot_be_watched_leave_no_log_open(tmp_path, monkeypatc
 
     monkeypatch.setattr(selectors, "DefaultSelector", refused)
     with pytest.raises(OSError, match="Too many open files"):
-        Supervisor(tmp_path / "log.jsonl")
+        TrialProcesses(tmp_path / "log.jsonl")
     assert not (tmp_path / "log.jsonl").exists()
