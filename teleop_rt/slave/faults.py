@@ -59,7 +59,7 @@ NOT_STOPPED = Stopped(NO_FAULT, 0, "")
 SAMPLES_LOST = Fault(
     10,
     "samples_lost",
-    "no usable sample of position and force for 20 ms and realtime.late.stop_ms",
+    "no usable sample of position and force for 20 ms, or realtime.late.stop_ms if that is longer",
     "check power and wiring of encoder and force sensor, then reset and arm",
 )
 LATE_TICKS = Fault(

@@ -77,7 +77,7 @@ def limit(t: Tick, target: float) -> float:
 
 
 class Limiter:
-    """Keeps commands finite, within the range, and within velocity and acceleration.
+    """Keeps each command finite and within the limits of position, velocity and acceleration.
 
     A motion that respects the limits is followed exactly. A target that is out of reach within
     one cycle is approached along the fastest profile that can still brake before it (to within
