@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -9,6 +10,7 @@ from teleop_rt.cli import app
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.schemas import schema_named
 from teleop_rt.config_realtime import LateConfig
+from teleop_rt.contact.effect import Acts, Compensation, Family, Stage
 from teleop_rt.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[1]
@@ -167,3 +169,13 @@ def test_the_bounds_of_a_stall_are_those_that_the_readme_states():
         text = (ROOT / "config" / "rigs" / f"simulated_{rig}.yaml").read_text()
         watchdogs = re.findall(r"(?:watchdog|daemon_timeout)_ms: (\d+)", text)
         assert set(watchdogs) <= {"50" if rig in of_makers else "60"}, rig
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [("family", Family), ("stage", Stage), ("acts", Acts), ("compensation", Compensation)],
+)
+def test_the_words_that_a_declared_effect_takes_are_those_of_the_how_to(field, words):
+    rows = (ROOT / "docs/howto/effect.md").read_text().splitlines()
+    (row,) = (row for row in rows if row.startswith(f"| `{field}`"))
+    assert set(re.findall(r"`(.+?)`", row.split("|")[2])) == set(get_args(words))
