@@ -4,7 +4,8 @@
 
 The older commit lies in a folder of its own (git worktree), which is removed in the end; what it
 needs is what is installed here. TELEOP_RT_BEFORE names another commit than the default. Each round
-measures both, one after the other, and the ratio is of a round: other load meets both sides.
+measures both, one after the other, and the ratio is of a round: other load meets both sides. Each
+round is printed as it ends, so that a run that is cut off has not been for nothing.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def run(rounds: int) -> list[Row]:
     found = []
     with _tree(BEFORE) as before:
         for rig in RIGS:
-            pairs = [(_tick(before, rig), _tick(ROOT, rig)) for _ in range(max(3, rounds // 3))]
+            pairs = [_pair(before, rig) for _ in range(max(3, rounds // 3))]
             for key, most in MAX_RATIO.items():
                 shares = [new[key] / old[key] for old, new in pairs]
                 found += [
@@ -56,6 +57,14 @@ def _tree(commit: str) -> Iterator[Path]:
     finally:
         subprocess.run([*git, "remove", "--force", str(folder)], check=False)
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _pair(before: Path, rig: str) -> tuple[dict[str, float], dict[str, float]]:
+    """Measure both sides once, and print what they took."""
+    old, new = _tick(before, rig), _tick(ROOT, rig)
+    found = ", ".join(f"{key} {new[key]:.0f} of {old[key]:.0f} us" for key in MAX_RATIO)
+    print(f"{rig}: {found}", file=sys.stderr, flush=True)
+    return old, new
 
 
 def _tick(tree: Path, rig: str) -> dict[str, float]:
