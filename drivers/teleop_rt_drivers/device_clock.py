@@ -40,6 +40,11 @@ _STATE = np.dtype(
 Stored = NDArray[np.record]
 
 
+def new_clocks(count: int) -> Stored:
+    """Return zeroed clocks (n,)."""
+    return np.zeros(count, np.dtype((np.record, _STATE)))
+
+
 @kernel
 def forget(clock: Any) -> None:
     """Forget both clocks."""
@@ -104,10 +109,11 @@ def correct(clock: Any, error: float) -> None:
 class DeviceClock:
     """Maps a device's counter of `bits` and `tick_s` per count onto monotonic nanoseconds."""
 
-    def __init__(self, tick_s: float, bits: int) -> None:
+    def __init__(self, tick_s: float, bits: int, stored: Stored | None = None) -> None:
+        """Begin with neither clock known; `stored` is room (1,) for what kernels know."""
         self._modulo = 1 << bits
         self._half = 1 << bits - 1
-        self.stored: Stored = np.zeros(1, np.dtype((np.record, _STATE)))
+        self.stored = new_clocks(1) if stored is None else stored
         self._clock: Any = self.stored[0]
         self._clock.tick_ns = tick_s * 1e9
         self._clock.mask = _ALL_BITS if bits == _WORD_BITS else self._modulo - 1

@@ -1,4 +1,4 @@
-"""Calls of the system from within kernels: packets out of a socket, without waiting."""
+"""Calls of the system from within kernels: what waits at a socket or a line, without waiting."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ def _error_of_c_library() -> Callable[[], Sequence[int]]:
 
 
 _receive = _of_c_library("recvmmsg", "int32", "int32", "int64", "int32", "int32", "int64")
+_read = _of_c_library("read", "int64", "int32", "int64", "int64")
 _error = _error_of_c_library()
 _FLAGS = socket.MSG_DONTWAIT
-_AGAIN, _INTERRUPTED = errno.EAGAIN, errno.EINTR
+_AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
 
 @kernel
@@ -55,5 +56,20 @@ def receive_packets(descriptor: int, headers: int, most: int) -> int:
     count: int = _receive(descriptor, headers, most, _FLAGS, 0)
     if count >= 0:
         return count
+    code = _error()[0]
+    return 0 if code in (_AGAIN, _INTERRUPTED) else -code
+
+
+@kernel
+def read_bytes(descriptor: int, place: int, room: int) -> int:
+    """Read what waits at a non-blocking descriptor into the room at an address; return how many.
+
+    That is 0 where nothing waits, and minus an error's number where the other end is gone.
+    """
+    count: int = _read(descriptor, place, room)
+    if count > 0:
+        return count
+    if count == 0:
+        return -_ENDED
     code = _error()[0]
     return 0 if code in (_AGAIN, _INTERRUPTED) else -code

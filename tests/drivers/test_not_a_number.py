@@ -20,6 +20,7 @@ from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.binary import FrameCounter
 from teleop_rt_drivers.framed.config import FramedPart
 from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.framed.signal import Switch
 from teleop_rt_drivers.framed.signal_config import SwitchSignal
 from teleop_rt_drivers.framed.source import FieldInfo, Source
@@ -104,6 +105,10 @@ def test_no_number_in_a_field_that_is_looked_at_stops_the_axis(kind, place, name
         deliver(values, now_ns)
 
     source.deliver = spoilt
+    for part in framed(bench.axis):
+        for port in part._ports:
+            if isinstance(port, SerialPort) and port._binary is not None:
+                port._binary._whole = None  # kernels deliver nothing: test_whole_frames has those
     stopped = False
     for _ in range(WITHIN_MS):
         sample = bench.cycle()

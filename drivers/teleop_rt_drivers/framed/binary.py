@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import math
+import os
 import struct
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from teleop_rt_drivers.framed.checksum import checksum
 from teleop_rt_drivers.framed.format import SIZE, THREE_BYTES
 from teleop_rt_drivers.framed.source import FieldInfo
+from teleop_rt_drivers.framed.stream import StreamGoneError
+from teleop_rt_drivers.framed.taking import COUNTERS
+from teleop_rt_drivers.framed.whole_frame import FINE, WholeFrames, counted, fits, is_exact
+from teleop_rt_drivers.framed.written_frame import FrameWriter
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from teleop_rt_drivers.framed.format import BinaryFormat
     from teleop_rt_drivers.framed.source import Source, Values
+
+    Whole = NDArray[np.int64]
 
 
 def binary_fields(frame: BinaryFormat) -> tuple[FieldInfo, ...]:
@@ -24,25 +35,29 @@ def binary_fields(frame: BinaryFormat) -> tuple[FieldInfo, ...]:
 
 
 class FrameCounter:
-    """Watches a field that counts up: a repeated frame is rejected, a gap is counted."""
+    """Watches a field that counts up: a repeated frame is rejected, a gap is counted.
+
+    `newest` (1,) is the newest count, -1 before any; kernels may read and write it, too.
+    """
 
     def __init__(self, slot: int, modulo: int, counters: dict[str, int]) -> None:
         self._slot = slot
         self._modulo = modulo
         self._counters = counters
-        self._last = -1
+        self.newest: Whole = np.full(1, -1, np.int64)
+        self._last = self.newest.data
 
     def reset(self) -> None:
         """Begin with whatever comes."""
-        self._last = -1
+        self._last[0] = -1
 
     def accept(self, values: Values) -> bool:
         """Take a frame's count; false for the one that was seen last."""
-        raw, last = values[self._slot], self._last
+        raw, last = values[self._slot], self._last[0]
         if not math.isfinite(raw):
             self._counters["not_a_number"] += 1
             return False
-        count = self._last = int(raw)
+        count = self._last[0] = int(raw)
         if last < 0:
             return True
         if count == last:
@@ -54,11 +69,16 @@ class FrameCounter:
 
 
 class BinaryParser:
-    """Finds the frames of a stream; after a bad one it looks again from the next byte on."""
+    """Finds the frames of a stream; after a bad one it looks again from the next byte on.
+
+    A frame that comes whole and alone is taken by kernels, where numbers of 64 bits hold it.
+    """
 
     def __init__(self, frame: BinaryFormat, source: Source, counters: dict[str, int]) -> None:
+        self._format = frame
         self._source = source
         self._counters = counters
+        self._whole: WholeFrames | None = None
         self._sync = bytes.fromhex(frame.sync)
         self._end = bytes.fromhex(frame.end)
         self._struct = struct.Struct(frame.layout)
@@ -80,16 +100,50 @@ class BinaryParser:
         self._pending = b""
 
     def reset(self) -> None:
-        """Forget a frame that has begun."""
+        """Forget a frame that has begun; who listens by now is served by kernels."""
         self._pending = b""
         if self._counter is not None:
             self._counter.reset()
+        if self._whole is None and is_exact(self._format, self._source):
+            last = np.zeros(1, np.int64) if self._counter is None else self._counter.newest
+            self._whole = WholeFrames(self._format, self._source, last)
+
+    def receive(self, descriptor: int, now_ns: int) -> int | None:
+        """Read what waits at a descriptor and take it; return how many bytes that was.
+
+        That is None where it is to be read and fed. Raises StreamGoneError.
+        """
+        whole = self._whole
+        if whole is None or self._pending:
+            return None
+        if found := whole.read(descriptor, now_ns):
+            self._hand_on(whole, found, now_ns)
+        elif received := whole.received:
+            if received < 0:
+                raise StreamGoneError(os.strerror(-received))
+            self._find(whole.data(), now_ns)
+        return whole.received
 
     def feed(self, data: bytes, now_ns: int) -> None:
         """Take bytes as they came; at most one unfinished frame is kept."""
-        if not self._pending and self._is_one_frame(data):
-            self._deliver(data, now_ns)
-            return
+        whole = None if self._pending else self._whole
+        if whole is not None and (found := whole.take(data, len(data), now_ns)):
+            self._hand_on(whole, found, now_ns)
+        else:
+            self._find(data, now_ns)
+
+    def _hand_on(self, whole: WholeFrames, found: int, now_ns: int) -> None:
+        """Tell of a frame that kernels have taken those who read it themselves."""
+        self._counters["frames"] += 1
+        if found != FINE:
+            for code in counted(found):
+                if code:
+                    self._counters[COUNTERS[code]] += 1
+        for listener in self._source.others:
+            listener(whole.numbers, now_ns)
+
+    def _find(self, data: bytes, now_ns: int) -> None:
+        """Find the frames among bytes, and keep the rest."""
         buffer = self._pending + data
         at, end, size = 0, len(buffer), self._size
         while True:
@@ -111,10 +165,6 @@ class BinaryParser:
                 self._deliver(frame, now_ns)
                 at += size
         self._pending = buffer[at:]
-
-    def _is_one_frame(self, data: bytes) -> bool:
-        """Return whether this is a frame, whole and good: nearly all that a device sends."""
-        return len(data) == self._size and data.startswith(self._sync) and not self._problem(data)
 
     def _problem(self, frame: bytes) -> str:
         """Return by which counter a frame's end bytes or checksum are wrong, "" where they fit."""
@@ -160,17 +210,21 @@ class BinaryPacker:
             self._span = slice(*frame.checksum.span)
         names = [field.name for field in frame.fields]
         self._counter = None if frame.counter is None else names.index(frame.counter)
-        self._count = 0
+        next_count = np.zeros(1, np.int64)
+        self._count = next_count.data
+        self._writer = FrameWriter(frame, next_count) if fits(frame) else None
 
     def pack(self, values: Values) -> bytes:
         """Return a frame; whole numbers are rounded and kept within what the field can hold."""
+        if self._writer is not None and (frame := self._writer.write(values)) is not None:
+            return frame
         raw: list[float] = []
         for value, (low, high), whole in zip(values, self._bounds, self._whole, strict=True):
             kept = min(max(value, low), high)
             raw.append(round(kept) if whole else kept)
         if self._counter is not None:
-            raw[self._counter] = self._count
-            self._count = int((self._count + 1) % (self._bounds[self._counter][1] + 1))
+            raw[self._counter] = self._count[0]
+            self._count[0] = int((self._count[0] + 1) % (self._bounds[self._counter][1] + 1))
         fields: list[float | bytes] = list(raw)
         for slot, signed in self._three_bytes:
             fields[slot] = int(raw[slot]).to_bytes(3, self._order, signed=signed)

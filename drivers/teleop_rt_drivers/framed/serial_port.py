@@ -36,12 +36,15 @@ class SerialPort:
         self._counters = counters
         self._open_stream = open_stream
         self._stream: ByteStream | None = None
+        self._line: DescriptorStream | None = None
+        self._binary: BinaryParser | None = None
         self._start = bytes.fromhex(config.start)
         self._request = bytes.fromhex(config.request)
         frame = load_format(config.format)
         if isinstance(frame, BinaryFormat):
             source = Source(name, binary_fields(frame))
-            self._parser: BinaryParser | TextParser = BinaryParser(frame, source, counters)
+            self._binary = BinaryParser(frame, source, counters)
+            self._parser: BinaryParser | TextParser = self._binary
         else:
             source = Source(name, text_fields(frame))
             self._parser = TextParser(frame, source, counters)
@@ -58,7 +61,7 @@ class SerialPort:
     @property
     def watched(self) -> list[Watched]:
         """The open line, whose arrivals can be kept."""
-        return [self._stream] if isinstance(self._stream, DescriptorStream) else []
+        return [] if self._line is None else [self._line]
 
     def open(self) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
@@ -66,6 +69,7 @@ class SerialPort:
             self.close()
         if self._stream is None:
             self._stream = self._open_stream()
+            self._line = self._stream if isinstance(self._stream, DescriptorStream) else None
         self.fault = NO_AXIS_FAULT
         self._stream.flush()
         self._parser.reset()
@@ -82,19 +86,31 @@ class SerialPort:
             self._parser.feed(data, arrived_ns)
         self._stream.kept.clear()
         try:
-            for _ in range(MOST_READS_PER_CYCLE):
-                data = self._stream.read()
-                if data:
-                    self._parser.feed(data, self._stream.arrived_ns or now_ns)
-                if len(data) < READ_BYTES:
-                    break
-            else:
-                self._counters["flood"] += 1
+            self._receive(self._stream, now_ns)
         except StreamGoneError:
             self.fault = AxisFault.UNPLUGGED
             return
         if self._request:
             self._write(self._request)
+
+    def _receive(self, stream: ByteStream, now_ns: int) -> None:
+        """Read and decode all that waits; a flood is left for the next cycle."""
+        for _ in range(MOST_READS_PER_CYCLE):
+            if self._receive_some(stream, now_ns) < READ_BYTES:
+                return
+        self._counters["flood"] += 1
+
+    def _receive_some(self, stream: ByteStream, now_ns: int) -> int:
+        """Read and decode once; return how many bytes that was."""
+        line, parser = self._line, self._binary
+        if line is not None and parser is not None and not line.empty_ns:  # no arrival is watched
+            received = parser.receive(line.descriptor, now_ns)
+            if received is not None:  # nearly always
+                return received
+        data = stream.read()
+        if data:
+            self._parser.feed(data, stream.arrived_ns or now_ns)
+        return len(data)
 
     def wait(self, timeout_s: float) -> None:
         """Wait for something to arrive, no longer than that."""
@@ -108,7 +124,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Release the port."""
-        stream, self._stream = self._stream, None
+        stream, self._stream, self._line = self._stream, None, None
         if stream is not None:
             stream.close()
 

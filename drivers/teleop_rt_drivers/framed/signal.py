@@ -67,29 +67,29 @@ class Signal:
         self._counters = counters
         self._status_slot = -1 if config.status is None else source.slot(config.status.field)
         self._good = 0 if config.status is None else config.status.good
-        self._clock, self._clock_slot = None, -1
-        if config.clock is not None:
-            self._clock = DeviceClock(config.clock.tick_s, config.clock.bits)
-            self._clock_slot = source.slot(config.clock.field)
         self._watched_ns = 0
-        stored = self._store(scale, plausible)
-        clock = (self._clock or DeviceClock(1.0, 1)).stored
+        stored, clock = source.listen_for_value(self._take)
+        self._clock, self._clock_slot = None, taking.NOWHERE
+        if config.clock is not None:
+            self._clock = DeviceClock(config.clock.tick_s, config.clock.bits, clock)
+            self._clock_slot = source.slot(config.clock.field)
+        self._store(stored, scale, plausible)
+        self._state.clock_bits = 1 if config.clock is None else config.clock.bits
         self._accept = bound(taking.take, (stored, clock), 0.0, True, 0, 0)  # noqa: FBT003
         self._settle = bound(taking.settle, (stored,))
-        source.listen(self._take)
 
-    def _store(self, scale: Scale, plausible: Plausible) -> taking.StoredValue:
-        """Return what kernels know of the value, and keep views of it."""
-        stored = taking.new_value()
+    def _store(self, stored: taking.StoredValue, scale: Scale, plausible: Plausible) -> None:
+        """Write what kernels are to know of the value, and keep views of it."""
         self._state = state = cast("taking.Value", stored[0])
         state.offset, state.gain = scale.offset, scale.sign * scale.per_count
         state.lower, state.upper = plausible.lower, plausible.upper
         state.rate, state.slack = plausible.rate, plausible.slack
         state.has_clock = self._clock is not None
         state.candidate, state.candidate_device_ns = math.nan, -1
+        state.slot, state.clock_slot = self._slot, self._clock_slot
+        state.status_slot, state.good = self._status_slot, self._good
         words = stored.view(np.uint8).data
         self._floats, self._counts = words.cast("d"), words.cast("q")
-        return stored
 
     def reset(self, now_ns: int) -> None:
         """Forget the value: the next one may be anywhere in range."""

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from teleop_rt.axis import AxisError, AxisFault
+from teleop_rt_drivers.device_clock import Stored as Clocks
+from teleop_rt_drivers.device_clock import new_clocks
 from teleop_rt_drivers.framed.stream import Watched
+from teleop_rt_drivers.framed.taking import StoredValue, new_values
 from teleop_rt_drivers.quantity import Scale
 
 Values = Sequence[float]
@@ -24,22 +27,42 @@ class FieldInfo:
     offset: float = 0.0
 
 
+_MOST_VALUES = 4
+"""Measured values out of one kind of frame: a rig has a position and a force."""
+
+
 class Source:
-    """One kind of frame with named fields; listeners hear the raw values of each good frame."""
+    """One kind of frame with named fields; listeners hear the raw values of each good frame.
+
+    Those measured values that kernels may take out of a frame are the first `value_count` of
+    `values`, each with its device's clock in `clocks`; `others` hear of a frame in any case.
+    """
 
     def __init__(self, name: str, fields: tuple[FieldInfo, ...]) -> None:
         self.name = name
         self.fields = fields
-        self.frames = 0
+        self.others: list[Listener] = []
+        self.values, self.clocks = new_values(_MOST_VALUES), new_clocks(_MOST_VALUES)
+        self.value_count = 0
         self._listeners: list[Listener] = []
 
     def listen(self, listener: Listener) -> None:
         """Call `listener(raw values, arrival [ns])` for each good frame."""
         self._listeners.append(listener)
+        self.others.append(listener)
+
+    def listen_for_value(self, listener: Listener) -> tuple[StoredValue, Clocks]:
+        """Return room (1,) for a measured value and its clock.
+
+        The listener is called where a frame is not taken by a kernel, which does the same.
+        """
+        self._listeners.append(listener)
+        at = self.value_count
+        self.value_count = at + 1
+        return self.values[at : at + 1], self.clocks[at : at + 1]
 
     def deliver(self, values: Values, now_ns: int) -> None:
         """Hand a good frame on."""
-        self.frames += 1
         for listener in self._listeners:
             listener(values, now_ns)
 

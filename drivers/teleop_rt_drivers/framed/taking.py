@@ -18,12 +18,16 @@ if TYPE_CHECKING:
 COUNTERS = ("", "bad_status", "not_a_number", "out_of_range", "repeated", "clock_outliers")
 """By code what counts a frame; the value of one whose time alone is an outlier is kept."""
 FINE, _BAD_STATUS, _NOT_A_NUMBER, _OUT_OF_RANGE, _REPEATED, _CLOCK_OUTLIER = range(len(COUNTERS))
+NOWHERE = -1
 NOTHING, NEW, JUMPED = range(3)
 """Results of a cycle: no value, a new one, or one that is rejected because it jumped."""
 
 
 class Value:
-    """Fields of a value: its scale, what it can be, the newest frame's and the one taken over."""
+    """Fields of a value: its scale, what it can be, the newest frame's and the one taken over.
+
+    Slots are places among the raw values of a frame, NOWHERE where there is none.
+    """
 
     offset: float
     gain: float
@@ -39,16 +43,22 @@ class Value:
     stamp_ns: int
     device_stamp_ns: int
     known: int
+    slot: int
+    status_slot: int
+    good: float
+    clock_slot: int
+    clock_bits: int
 
 
 _VALUE = record_type(Value)
+_WORD_BITS = 64
 _NAMES = list(Value.__annotations__)
 StoredValue = NDArray[np.record]
 
 
-def new_value() -> StoredValue:
-    """Return a zeroed value (1,)."""
-    return np.zeros(1, _VALUE)
+def new_values(count: int) -> StoredValue:
+    """Return zeroed values (n,)."""
+    return np.zeros(count, _VALUE)
 
 
 def place(field: str) -> int:
@@ -64,7 +74,12 @@ def take(
 
     `good` is the status of the frame; count: the device's own time, by its `clock`.
     """
-    s: Any = stored[0]
+    return take_value(stored[0], clock[0], raw, good, count, now_ns)
+
+
+@kernel
+def take_value(s: Any, c: Any, raw: float, good: bool, count: int, now_ns: int) -> int:
+    """Keep a raw value as `take` does, by the records of value and clock."""
     value = s.offset + s.gain * raw
     if not good:
         return _BAD_STATUS
@@ -74,7 +89,6 @@ def take(
         return _OUT_OF_RANGE
     found = FINE
     if s.has_clock > 0:
-        c: Any = clock[0]
         if c.samples > 0 and count == c.count:  # it stands still: a frozen device
             return _REPEATED
         outliers = c.outliers
@@ -83,6 +97,17 @@ def take(
             found = _CLOCK_OUTLIER
     s.candidate, s.candidate_ns = value, now_ns
     return found
+
+
+@kernel
+def take_numbers(s: Any, c: Any, numbers: NDArray[np.float64], now_ns: int) -> int:
+    """Keep the value that is among a frame's raw values, which are exact, as `take` does."""
+    good = s.status_slot < 0 or numbers[s.status_slot] == s.good
+    count = np.int64(0)
+    if s.clock_slot >= 0:
+        unused = np.int64(_WORD_BITS - s.clock_bits)
+        count = np.int64(numbers[s.clock_slot]) << unused >> unused
+    return take_value(s, c, numbers[s.slot], good, int(count), now_ns)
 
 
 @kernel
