@@ -144,6 +144,7 @@ def our_serial(cycles: int, *, decode: bool) -> float:
     heard: list[float] = []
     source.listen(lambda values, _: heard.append(values[3]))
     parser = BinaryParser(frame, source, new_counters())
+    parser.reset()
     data = wrench_frame()
     got: list[bytes] = []
 

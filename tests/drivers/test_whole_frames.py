@@ -1,4 +1,4 @@
-"""What kernels take out of a stream, and write into a frame, is what the parser and packer do."""
+"""Kernels take from a stream, and write into a frame, exactly as the parser and the packer do."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def random_values(rng: random.Random, format_: BinaryFormat) -> list[float]:
 
 
 def spoilt(rng: random.Random, frame: bytes) -> bytes:
-    """What a line makes of a frame: mostly nothing; a wrong bit, a part, or the frame twice."""
+    """A frame after its line: mostly as it was, else with a wrong bit, in part, or twice."""
     kind = rng.randrange(12)
     if kind == 0:
         wrong = bytearray(frame)

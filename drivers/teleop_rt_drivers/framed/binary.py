@@ -111,7 +111,7 @@ class BinaryParser:
     def receive(self, descriptor: int, now_ns: int) -> int | None:
         """Read what waits at a descriptor and take it; return how many bytes that was.
 
-        That is None where it is to be read and fed. Raises StreamGoneError.
+        Nothing is read and None is returned where the caller is to read. Raises StreamGoneError.
         """
         whole = self._whole
         if whole is None or self._pending:
@@ -133,7 +133,7 @@ class BinaryParser:
             self._find(data, now_ns)
 
     def _hand_on(self, whole: WholeFrames, found: int, now_ns: int) -> None:
-        """Tell of a frame that kernels have taken those who read it themselves."""
+        """Count a frame that kernels have taken, and give it to those who read it themselves."""
         self._counters["frames"] += 1
         if found != FINE:
             for code in counted(found):
