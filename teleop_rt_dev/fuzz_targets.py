@@ -26,7 +26,7 @@ from teleop_rt.service.server import CommandServer
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt_dev.paths import CONFIG
 from teleop_rt_dev.trial.files import plant_of
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.framed.dbc import load_dbc
 from teleop_rt_drivers.quantity import plausible_position
@@ -219,7 +219,7 @@ def bus(_folder: Path) -> Target:
     )
     now = [10**9]
     assert isinstance(trial.rig, RigConfig)
-    axis: Any = registry.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
+    axis: Any = opening.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
     axis.configure()
     sample = Sample()
     wire = axis._bus
@@ -252,7 +252,7 @@ def _configured(name: str, now_ns: Callable[[], int]) -> tuple[RigConfig, Any]:
         registry.PLANT_SCHEMAS,
         [f"rig=../rigs/simulated_{name}.yaml"],
     )
-    axis = registry.open_lock_step(trial.rig, plant_of(trial), now_ns, 1)[0]
+    axis = opening.open_lock_step(trial.rig, plant_of(trial), now_ns, 1)[0]
     axis.configure()
     return trial.rig, axis
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from teleop_rt.cli import whole_run
-from teleop_rt_drivers import operator_device, registry
+from teleop_rt_drivers import opening, operator_device
 
 README = Path(__file__).parents[1] / "README.md"
 TRIALS = Path(__file__).parents[1] / "config" / "trials"
@@ -224,7 +224,7 @@ def test_without_a_key_of_its_own_a_side_says_so_and_opens_no_device(
     def opened(*_arguments, **_named):
         raise AssertionError("a device was opened")
 
-    monkeypatch.setattr(registry, "open_axis", opened)
+    monkeypatch.setattr(opening, "open_axis", opened)
     monkeypatch.setattr(operator_device, "open_device", opened)
     (tmp_path / "open").write_text("00" * 32)
     (tmp_path / "open").chmod(0o644)

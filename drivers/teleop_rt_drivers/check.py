@@ -23,9 +23,10 @@ from teleop_rt_drivers.canopen.setup import interpolation_period
 from teleop_rt_drivers.ends import LockStepEnds
 from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
+from teleop_rt_drivers.opening import open_axis_on
 from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
-from teleop_rt_drivers.registry import open_axis_on, parts_of
+from teleop_rt_drivers.registry import parts_of
 from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot, check_stamps
 from teleop_rt_drivers.stall_check import check_stalls
 from teleop_rt_drivers.transport import DEFAULT_BIT_RATE

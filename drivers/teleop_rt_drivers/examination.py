@@ -31,16 +31,11 @@ from teleop_rt_drivers.framed.stream import SerialStream
 from teleop_rt_drivers.link_check import examine_link
 from teleop_rt_drivers.machine_check import examine_machine
 from teleop_rt_drivers.observed_bus import ObservingEnds
+from teleop_rt_drivers.opening import open_axis_on
 from teleop_rt_drivers.pace import paced
 from teleop_rt_drivers.quantity import FROM_DRIVE
 from teleop_rt_drivers.recording import RecordingAxisConfig
-from teleop_rt_drivers.registry import (
-    AXIS_SCHEMAS,
-    PLANT_SCHEMAS,
-    CanBusPart,
-    open_axis_on,
-    parts_of,
-)
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, CanBusPart, parts_of
 from teleop_rt_drivers.stall_check import check_hardware_stalls
 
 

@@ -13,7 +13,7 @@ from teleop_rt_drivers.ends import DaemonEnds, LockStepEnds
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters
-from teleop_rt_drivers.registry import framed_ports, lines_of
+from teleop_rt_drivers.opening import framed_ports, lines_of
 from teleop_rt_drivers.simulated.actuator_network import CanActuatorNetwork
 from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.hand_plant import HandPlant

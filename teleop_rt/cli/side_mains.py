@@ -27,7 +27,7 @@ from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
 from teleop_rt.trial.side import Configs, Side
-from teleop_rt_drivers import operator_device, registry
+from teleop_rt_drivers import opening, operator_device, registry
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
 
 _KEYS_OF: dict[str, Callable[[Path], object]] = {"slave": load_keys, "master": load_own_key}
@@ -95,7 +95,7 @@ def _serve(
     trial = side.trial
 
     def open_axis(now_ns: Callable[[], int]) -> Axis:
-        return registry.open_axis(trial.rig, now_ns)
+        return opening.open_axis(trial.rig, now_ns)
 
     with registry.logged(trial.rig, side.folder), _commanded(side, claim):
         keys = load_keys(key or default_key())
@@ -153,7 +153,7 @@ def _simulate(side: Side, trial_file: Path) -> None:
     trial = side.trial
     if trial.plant is None:
         raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
-    rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
+    rig = opening.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
     close_truth = publish_truth(rig, side.session)
     prepare_process(RIG_PRIORITY)
     side.emit("ready")
@@ -196,7 +196,7 @@ def make_rig_safe(trial_file: Path, overrides: list[str] | None) -> None:
     """Stop the axis of a rig that no daemon runs, and take its devices out of operation."""
     rig = load_trial_file(trial_file, overrides).rig
     with new_session() as session, claimed(rig.name, registry.reached_by(rig), session):
-        axis = registry.open_axis(rig, time.monotonic_ns)
+        axis = opening.open_axis(rig, time.monotonic_ns)
         try:
             axis.configure()
             axis.stop()

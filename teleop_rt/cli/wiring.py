@@ -18,7 +18,7 @@ from teleop_rt.realtime.session import publish
 from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOPIC
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
-from teleop_rt_drivers import operator_device, registry
+from teleop_rt_drivers import opening, operator_device, registry
 from teleop_rt_drivers.simulated.hand_plant import HandPlant
 from teleop_rt_drivers.simulated.rig import SimulatedRig
 
@@ -70,8 +70,8 @@ def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | Non
 
     device = partial(operator_device.open_device, now_ns=now_ns, seed=trial.seed, made=made)
     if trial.plant is None:
-        return Bench(registry.open_axis(trial.rig, now_ns), open_device=device)
-    axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)
+        return Bench(opening.open_axis(trial.rig, now_ns), open_device=device)
+    axis, rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed, folder)
 
     def truth() -> dict[str, Any]:
         return rig.truth() | ({"handle": handles[0].truth()} if handles else {})

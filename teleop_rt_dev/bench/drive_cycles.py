@@ -17,7 +17,8 @@ from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers.actuators.build import open_actuator, open_line_actuator
 from teleop_rt_drivers.actuators.part import LineActuatorPart
 from teleop_rt_drivers.ends import LockStepEnds
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis_on, open_rig_on
+from teleop_rt_drivers.opening import open_axis_on, open_rig_on
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
 from teleop_rt_drivers.simulated.pipes import pipe
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 

@@ -20,7 +20,7 @@ from teleop_rt.realtime.scheduling import keep_off
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.sides import make_endpoint, make_slave
 from teleop_rt_dev.paths import SILICONE
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 
 LOOP_CPU = (os.cpu_count() or 1) - 1
 """The core that the slave of a bench has for itself, as `realtime.cpu` gives it one."""
@@ -55,7 +55,7 @@ def rig_alone(rig: str) -> Iterator[tuple[Axis, int]]:
     words = [word for one in sets for word in ("--set", one)]
     with tempfile.TemporaryDirectory() as name:
         side = _start("sim", *words, "--out", name)
-        axis = registry.open_axis(trial.rig, time.monotonic_ns)
+        axis = opening.open_axis(trial.rig, time.monotonic_ns)
         try:
             axis.configure()
             yield axis, side.pid
@@ -87,7 +87,7 @@ def slave_on(rig: str, rate_hz: int, *changes: str, master: bool = True) -> Iter
             sides.append(_start("master", *words, *key))
         link = trial.link
         transport = UdpTransport("127.0.0.1", link.slave_port, ("127.0.0.1", link.master_port))
-        axis = registry.open_axis(trial.rig, time.monotonic_ns)
+        axis = opening.open_axis(trial.rig, time.monotonic_ns)
         try:
             endpoint = make_endpoint(
                 "slave", trial, transport, load_keys(folder / "key"), time.monotonic_ns,

@@ -25,7 +25,7 @@ from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config_loader import load_trial
 from teleop_rt_dev.paths import CONFIG
 from teleop_rt_dev.trial.files import plant_of
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.actuators.codec import Frame, Report, Taken
 from teleop_rt_drivers.quantity import plausible_position
 
@@ -60,7 +60,7 @@ class Victim:
             registry.PLANT_SCHEMAS, [f"rig=../rigs/simulated_{drive}.yaml"],
         )  # fmt: skip
         rig: Any = trial.rig
-        whole: Any = registry.open_lock_step(rig, plant_of(trial), lambda: self.now_ns, 1)[0]
+        whole: Any = opening.open_lock_step(rig, plant_of(trial), lambda: self.now_ns, 1)[0]
         whole.configure()
         whole.arm()
         self.axis = whole._parts[0][1]

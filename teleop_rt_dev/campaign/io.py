@@ -19,7 +19,7 @@ from teleop_rt.config_loader import load_trial
 from teleop_rt.signals import TRUTH, columns
 from teleop_rt_dev.paths import SILICONE
 from teleop_rt_dev.trial.files import plant_of
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.ends import LockStepEnds
 
 COLUMN = columns(TRUTH)
@@ -65,10 +65,10 @@ def campaign(kind: str, count: int, seed: int) -> dict[str, object]:
     trial = load_trial(SILICONE, registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS, overrides)
     now = [10**12]
     ends = LockStepEnds()
-    rig = registry.open_rig_on(trial.rig, plant_of(trial), lambda: now[0], seed, ends.devices)
+    rig = opening.open_rig_on(trial.rig, plant_of(trial), lambda: now[0], seed, ends.devices)
     ends.answer_with(rig.process)
     rig.power_on()
-    axis: Any = registry.open_axis_on(trial.rig, lambda: now[0], ends)
+    axis: Any = opening.open_axis_on(trial.rig, lambda: now[0], ends)
     axis.configure()
     axis.arm()
     attack, sample = Attack(ends, seed), Sample()

@@ -16,7 +16,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt.trial.sides import make_slave
 from teleop_rt_dev.paths import SILICONE
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 
 PERIOD_NS = 1_000_000
 Phase = Literal["arming", "approach", "contact", "release"]
@@ -78,7 +78,7 @@ class FaultWorld:
         """Whatever a row notes when it harms, for what it checks afterwards."""
 
     def _open(self, trial: Any, now_ns: Any) -> Bench:
-        axis, self.rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        axis, self.rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
         self.axis = HeardByAxis(axis)
         return Bench(self.axis)
 

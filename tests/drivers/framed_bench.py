@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rig_bench import MS, START_NS, plant_config
+from rig_bench import MS, START_NS, Cycles, plant_config
 
 from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_rig
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.ends import LockStepEnds
 
 RIGS = Path(__file__).parents[2] / "config" / "rigs"
@@ -32,17 +32,17 @@ def edited(kind: str, folder: Path, *changes: tuple[str, str]):
     return load_rig(path, registry.AXIS_SCHEMAS)
 
 
-class FramedBench:
+class FramedBench(Cycles):
     def __init__(self, rig: Any, *, plant=None, seed=1, log_folder=None) -> None:
         self.now = START_NS
         self.ends = LockStepEnds(log_folder, lambda: self.now)
         now_ns = lambda: self.now  # noqa: E731 - the bench's clock
-        self.simulated = registry.open_rig_on(
+        self.simulated = opening.open_rig_on(
             rig, plant or plant_config(), now_ns, seed, self.ends.devices
         )
         self.ends.answer_with(self.simulated.process)
         self.simulated.power_on()
-        self.axis: Any = registry.open_axis_on(rig, now_ns, self.ends)
+        self.axis: Any = opening.open_axis_on(rig, now_ns, self.ends)
         self.sample = Sample()
 
     def cycle(self, position: float = 0.0) -> Sample:
@@ -50,16 +50,6 @@ class FramedBench:
         self.axis.read_into(self.sample)
         self.axis.write(position)
         return self.sample
-
-    def cycles(self, count: int, position: float = 0.0) -> Sample:
-        for _ in range(count):
-            self.cycle(position)
-        return self.sample
-
-    def silence(self, milliseconds: int) -> None:
-        for _ in range(milliseconds):
-            self.now += MS
-            self.simulated.process()
 
     def armed(self, within: int = 15) -> FramedBench:
         """Configure and arm; the drive must be enabled after so many cycles."""

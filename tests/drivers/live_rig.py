@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from rig_bench import plant_config
 
-from teleop_rt_drivers.registry import open_rig
+from teleop_rt_drivers.opening import open_rig
 
 
 @contextmanager

@@ -12,8 +12,10 @@ from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_rig
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, open_rig
+from teleop_rt_drivers.opening import open_rig
+from teleop_rt_drivers.registry import AXIS_SCHEMAS
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
+from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 
 if TYPE_CHECKING:
@@ -56,7 +58,29 @@ def changed(rig: RigConfig, **axis: dict[str, Any]) -> RigConfig:
     return rig.model_copy(update={"axis": rig.axis.model_copy(update=parts)})
 
 
-class Bench:
+class Cycles:
+    """The cycles of a bench, and its silence."""
+
+    now: int
+    sample: Sample
+    simulated: SimulatedRig
+
+    def cycle(self, position: float = 0.0) -> Sample:
+        raise NotImplementedError
+
+    def cycles(self, count: int, position: float = 0.0) -> Sample:
+        for _ in range(count):
+            self.cycle(position)
+        return self.sample
+
+    def silence(self, milliseconds: int) -> None:
+        """The daemon does nothing; the devices go on."""
+        for _ in range(milliseconds):
+            self.now += MS
+            self.simulated.process()
+
+
+class Bench(Cycles):
     """Both ends of the bus, the axis, the rig, and a clock."""
 
     def __init__(self, *, plant=None, seed=1, axis_rig=None, device_rig=None) -> None:
@@ -78,17 +102,6 @@ class Bench:
         self.axis.write(position)
         self.now += MS
         return self.sample
-
-    def cycles(self, count: int, position: float = 0.0) -> Sample:
-        for _ in range(count):
-            self.cycle(position)
-        return self.sample
-
-    def silence(self, milliseconds: int) -> None:
-        """The daemon does nothing; the devices go on."""
-        for _ in range(milliseconds):
-            self.now += MS
-            self.simulated.process()
 
     def armed(self) -> Bench:
         """Configured, armed, and enabled."""

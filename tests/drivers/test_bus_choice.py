@@ -15,7 +15,7 @@ from rig_bench import MS, START_NS, plant_config
 
 from teleop_rt.axis import AxisError, Sample
 from teleop_rt_drivers.bus import BusConfig, open_bus
-from teleop_rt_drivers.registry import open_axis, open_rig
+from teleop_rt_drivers.opening import open_axis, open_rig
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from framed_bench import FramedBench, load
 from rig_bench import MS, path
 
 from teleop_rt.axis import AxisError, EndOfRecording, Sample
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 from teleop_rt_drivers.bus import BusConfig, open_bus
 from teleop_rt_drivers.bus_log import logging_processes
 from teleop_rt_drivers.check import check_rig
@@ -39,7 +39,7 @@ def logged_run(kind, tmp_path, suffix):
 
 def replayed(kind, file):
     rig = on_bus(kind, interface="replay", channel=str(file))
-    return registry.open_axis(rig, lambda: 5 * MS), rig
+    return opening.open_axis(rig, lambda: 5 * MS), rig
 
 
 def play(axis, again):

@@ -9,12 +9,8 @@ from teleop_rt.axis import AxisError, Sample
 from teleop_rt.config import PlantConfig
 from teleop_rt.config_loader import load_rig
 from teleop_rt.yaml_file import ConfigError
-from teleop_rt_drivers.registry import (
-    AXIS_SCHEMAS,
-    PLANT_SCHEMAS,
-    open_lock_step,
-    open_rig,
-)
+from teleop_rt_drivers.opening import open_lock_step, open_rig
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 
 RIGS = Path(__file__).parents[2] / "config" / "rigs"

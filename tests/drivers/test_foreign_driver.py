@@ -49,12 +49,12 @@ import json
 from pathlib import Path
 from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_rig
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.findings import worst
 rig = load_rig(Path("rig.yaml"), registry.AXIS_SCHEMAS)
 now = [0]
-axis = registry.open_axis(rig, lambda: now[0])
+axis = opening.open_axis(rig, lambda: now[0])
 axis.configure()
 axis.arm()
 sample, seen = Sample(), []

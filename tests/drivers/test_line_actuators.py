@@ -12,7 +12,7 @@ from test_actuators import ON_LINES, armed, at_1_khz, cycle, until
 
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt.yaml_file import ConfigError
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 from teleop_rt_drivers.actuators.dynamixel import packet as dynamixel_packet
 from teleop_rt_drivers.actuators.feetech import packet as feetech_packet
 from teleop_rt_drivers.actuators.survey import latency_timer, survey_lines
@@ -210,7 +210,7 @@ def test_doctor_compares_the_adapter_s_latency_timer(timer, severity, words, tmp
 
 def test_a_port_that_is_not_there_is_named():
     with pytest.raises(AxisError, match="cannot open the serial port /tmp/teleop-rt-ports/servo"):
-        registry.open_axis(load("dynamixel"), lambda: 0).configure()
+        opening.open_axis(load("dynamixel"), lambda: 0).configure()
 
 
 @pytest.mark.parametrize("kind", ON_LINES)

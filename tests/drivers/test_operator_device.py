@@ -23,7 +23,7 @@ from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, HandleBench
-from teleop_rt_drivers import operator_device, registry
+from teleop_rt_drivers import opening, operator_device, registry
 from teleop_rt_drivers.ends import DeviceEnds
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -250,7 +250,7 @@ def test_a_wrong_device_is_refused_with_its_key(change, said):
 def test_a_device_is_no_rig_for_the_slave(rig, driver):
     trial = load_trial_file(CANOPEN, [f"rig=../rigs/{rig}.yaml", "plant=null"])
     with pytest.raises(AxisError, match=rf"{driver} is for operator\.rig"):
-        registry.open_axis(trial.rig, lambda: 0)
+        opening.open_axis(trial.rig, lambda: 0)
 
 
 @pytest.mark.parametrize("file", [CANOPEN, SERIAL])

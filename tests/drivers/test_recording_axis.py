@@ -8,8 +8,9 @@ import pytest
 
 from teleop_rt.axis import AxisError, EndOfRecording, Sample
 from teleop_rt.config_loader import load_rig
+from teleop_rt_drivers.opening import open_axis
 from teleop_rt_drivers.recording import RecordingAxis
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, open_axis
+from teleop_rt_drivers.registry import AXIS_SCHEMAS
 
 SPRING_RIG = Path(__file__).parents[2] / "config" / "rigs" / "measured_spring.yaml"
 needs_data = pytest.mark.skipif(

@@ -13,7 +13,7 @@ from teleop_rt.config_loader import load_trial
 from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.lockstep_run import LockstepTrial
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 
 TRIAL = Path(RIGS).parent / "trials" / "silicone_cube.yaml"
 NO_ZEROS = (
@@ -50,18 +50,18 @@ class Run:
 
     def __init__(self, trial, session):
         rigs = []
-        opened = registry.open_lock_step
+        opened = opening.open_lock_step
 
         def open_both(*arguments):
             axis, rig = opened(*arguments)
             rigs.append(rig)
             return axis, rig
 
-        registry.open_lock_step = open_both
+        opening.open_lock_step = open_both
         try:
             self.trial = LockstepTrial(trial, TRIAL.parent, open_bench, session)
         finally:
-            registry.open_lock_step = opened
+            opening.open_lock_step = opened
         self.rig, self.plant = rigs[0], rigs[0].plant
         self.slave = self.trial.slave
         self.slave.configure()

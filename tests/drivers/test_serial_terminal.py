@@ -12,7 +12,8 @@ from live_rig import cycles_until, serving
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt_drivers.framed.stream import SerialStream, StreamGoneError
-from teleop_rt_drivers.registry import open_axis, own_run
+from teleop_rt_drivers.opening import open_axis
+from teleop_rt_drivers.registry import own_run
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import can
 import pytest
 from rig_bench import MS, START_NS, canopen_rig, plant_config
 
-from teleop_rt_drivers.registry import open_rig
+from teleop_rt_drivers.opening import open_rig
 from teleop_rt_drivers.simulated.device import Nmt
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 

@@ -21,7 +21,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.rig_text import rig_text
 from teleop_rt_drivers.simulated.reference import environment_force
 
@@ -29,7 +29,7 @@ TRIAL = Path(RIGS).parent / "trials" / "silicone_cube.yaml"
 
 
 def open_bench(trial, now_ns):
-    axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+    axis, rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
 
     def publish_truth(session):
         ring = publish(session, "/truth/plant", TRUTH)

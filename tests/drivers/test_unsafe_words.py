@@ -11,7 +11,7 @@ from teleop_rt.axis import AxisError
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.trial.files import SILICONE, silicone
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.examination import check_config
 
@@ -119,7 +119,7 @@ def test_a_setup_writes_nothing_that_lets_the_drive_move(tmp_path, entry):
 )
 def test_a_scale_is_compared_with_what_the_device_says(tmp_path, change, said):
     rig = edited("canopen", tmp_path, change)
-    axis, _ = registry.open_lock_step(rig, silicone().plant, lambda: 10**9, 1)
+    axis, _ = opening.open_lock_step(rig, silicone().plant, lambda: 10**9, 1)
     with pytest.raises(AxisError, match=said):
         axis.configure()
     axis.close()

@@ -14,7 +14,7 @@ from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 
 SILICONE = Path(__file__).parents[2] / "config" / "trials" / "silicone_cube.yaml"
 
@@ -83,7 +83,7 @@ class DaemonWorld:
         self.slave.configure()
 
     def _open(self, trial: Any, now_ns: Any) -> Bench:
-        axis, self.rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        axis, self.rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
         return Bench(axis)
 
     def step_others(self) -> None:

@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.axis import Sample
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt_dev.paths import SILICONE
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 from teleop_rt_drivers.simulated import servo
 
 
@@ -21,12 +21,12 @@ def overrides(tmp_path, monkeypatch):
 def test_an_abandoned_drive_is_stopped(overrides, call, monkeypatch):
     monkeypatch.setattr(servo, "WATCHDOG_NS", 10**15)  # or the drive would stop by itself
     trial = load_trial_file(SILICONE, overrides)
-    rig = registry.open_rig(trial.rig, trial.plant, time.monotonic_ns, 1)
+    rig = opening.open_rig(trial.rig, trial.plant, time.monotonic_ns, 1)
     served = threading.Event()
     serving = threading.Thread(target=rig.serve, args=(served.is_set,))
     serving.start()
     try:
-        left = registry.open_axis(trial.rig, time.monotonic_ns)
+        left = opening.open_axis(trial.rig, time.monotonic_ns)
         left.configure()
         left.arm()
         sample = Sample()

@@ -12,7 +12,7 @@ from teleop_rt.service.daemon import Daemon
 from teleop_rt.trial import process_main
 from teleop_rt.trial.side import Side
 from teleop_rt_dev.paths import SILICONE
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 
 
 class Rounds:
@@ -51,7 +51,7 @@ class Rounds:
         if refused is not None:
             raise refused
         trial = load_trial_file(SILICONE, None)
-        return registry.open_lock_step(rig, trial.plant, now_ns, trial.seed)[0]
+        return opening.open_lock_step(rig, trial.plant, now_ns, trial.seed)[0]
 
     def loop(self, daemon):
         self.armed.append(daemon.arm_at_once)
@@ -67,7 +67,7 @@ def rounds(tmp_path, monkeypatch):
     monkeypatch.setattr(side_mains, "_side", one.side)
     monkeypatch.setattr(side_mains, "StopRequest", lambda: lambda: False)
     monkeypatch.setattr(side_mains, "load_keys", lambda _: shared_key(bytes(32)))
-    monkeypatch.setattr(registry, "open_axis", one.open_axis)
+    monkeypatch.setattr(opening, "open_axis", one.open_axis)
     monkeypatch.setattr(process_main, "prepare_process", one.prepare)
     monkeypatch.setattr(process_main, "remember_process", one.remember)
     monkeypatch.setattr(Daemon, "run", lambda daemon, *_: one.loop(daemon))

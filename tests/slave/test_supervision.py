@@ -16,7 +16,7 @@ from teleop_rt.slave.supervision import Supervision, unexplained
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.trial.files import SILICONE, silicone
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 from teleop_rt_drivers.simulated.plant import Plant
 
 TWO_ENCODERS = ("canopen", "serial", "raw_can", "mixed")
@@ -41,7 +41,7 @@ class Rig:
         self.ticks(300)
 
     def open(self, trial, now_ns) -> Bench:
-        axis, self.rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        axis, self.rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
         return Bench(axis)
 
     @property
@@ -338,7 +338,7 @@ def test_a_drive_that_refuses_power_does_not_get_it_minutes_later(tmp_path, rig)
     opened = []
 
     def open_bench(trial, now_ns) -> Bench:
-        axis, simulated = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        axis, simulated = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
         opened.append(simulated)
         return Bench(axis)
 

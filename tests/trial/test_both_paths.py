@@ -10,7 +10,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt.trial.sides import make_endpoint
 from teleop_rt_dev.trial.files import SILICONE, silicone
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 from teleop_rt_drivers.bus import MulticastBus
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 
@@ -61,19 +61,19 @@ def test_lock_step_and_sockets_agree_frame_by_frame(tmp_path):
 
     def lock_step(trial, now_ns):
         daemon, devices = synchronous_pair()
-        rig = registry.open_rig(trial.rig, trial.plant, now_ns, trial.seed, bus=devices)
+        rig = opening.open_rig(trial.rig, trial.plant, now_ns, trial.seed, bus=devices)
         devices.on_arrival = rig.process
         rig.power_on()
         bus = Tap(daemon, frames["lock-step"])
-        return Bench(registry.open_axis(trial.rig, now_ns, bus=bus))
+        return Bench(opening.open_axis(trial.rig, now_ns, bus=bus))
 
     def sockets(trial, now_ns):
         daemon, devices = (MulticastBus("239.74.163.2", PORT) for _ in range(2))
-        rig = registry.open_rig(trial.rig, trial.plant, now_ns, trial.seed, bus=devices)
+        rig = opening.open_rig(trial.rig, trial.plant, now_ns, trial.seed, bus=devices)
         rigs.append(rig)
         bus = Tap(daemon, frames["sockets"], answer=rig.process)
         rig.power_on()
-        return Bench(registry.open_axis(trial.rig, now_ns, bus=bus))
+        return Bench(opening.open_axis(trial.rig, now_ns, bus=bus))
 
     def udp(trial, now_ns):
         slave = UdpTransport()

@@ -25,7 +25,7 @@ from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
 from teleop_rt_dev.trial.files import MEASURED_SPRING, SILICONE, load, silicone
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 from teleop_rt_drivers.simulated.reference import environment_force
 
 
@@ -264,7 +264,7 @@ def test_a_muted_sensor_holds_then_stops_within_the_stated_ticks(tmp_path):
     rigs = []
 
     def with_rig(trial, now_ns):
-        axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        axis, rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
         rigs.append(rig)
         return Bench(axis, rig.truth)
 

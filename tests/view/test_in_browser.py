@@ -28,7 +28,7 @@ from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt_dev.trial.files import SILICONE, silicone
-from teleop_rt_drivers import registry
+from teleop_rt_drivers import opening
 
 pytest.importorskip("bokeh")
 
@@ -47,7 +47,7 @@ def simulated():
     rigs = []
 
     def with_rig(trial, now_ns):
-        axis, rig = registry.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
+        axis, rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
         rigs.append(rig)
         return Bench(axis, rig.truth)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
+from teleop_rt_drivers.actuators.bus_servo import BusServoCodec
 from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 HEADER, BROADCAST = b"\xff\xff\xfd\x00", 0xFE
@@ -52,7 +53,7 @@ class ServoLimits:
     watchdog_ms: int
 
 
-class DynamixelCodec:
+class DynamixelCodec(BusServoCodec):
     """One Dynamixel of the X series in current-based position mode; positions in turns."""
 
     unit: AngleUnit = "turn"
@@ -95,18 +96,6 @@ class DynamixelCodec:
             self._write(INDIRECT_ADDRESS, struct.pack(f"<{len(addresses)}H", *addresses)),
             self._write(WATCHDOG, bytes((self._watchdog,))),
         )
-
-    def enable(self, position: float) -> Frames:
-        """Return a goal where the shaft is, torque, and the question."""
-        return self._goal(position), self._on, self._ask
-
-    def disable(self) -> Frames:
-        """Return no torque, and the question."""
-        return self._off, self._ask
-
-    def follow(self, position: float, velocity: float) -> Frames:  # noqa: ARG002 - it takes none
-        """Return a goal, and the question."""
-        return self._goal(position), self._ask
 
     def _goal(self, position: float) -> Frame:
         counts = max(-MOST_COUNTS, min(MOST_COUNTS, round(COUNTS_PER_TURN * position)))

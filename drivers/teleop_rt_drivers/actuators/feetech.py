@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 
+from teleop_rt_drivers.actuators.bus_servo import BusServoCodec
 from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 HEADER, BROADCAST = b"\xff\xff", 0xFE
@@ -29,7 +30,7 @@ ERRORS = {
 }  # fmt: skip
 
 
-class FeetechCodec:
+class FeetechCodec(BusServoCodec):
     """One servo of the STS or SMS series in position mode; positions in turns."""
 
     unit: AngleUnit = "turn"
@@ -62,18 +63,6 @@ class FeetechCodec:
     def opening(self) -> Frames:
         """Return no torque, and the limit of torque."""
         return self._off, self._write(TORQUE_LIMIT, struct.pack("<H", self._torque_limit))
-
-    def enable(self, position: float) -> Frames:
-        """Return a goal where the shaft is, torque, and the question."""
-        return self._goal(position), self._on, self._ask
-
-    def disable(self) -> Frames:
-        """Return no torque, and the question."""
-        return self._off, self._ask
-
-    def follow(self, position: float, velocity: float) -> Frames:  # noqa: ARG002 - it takes none
-        """Return a goal with the largest speed, and the question."""
-        return self._goal(position), self._ask
 
     def _goal(self, position: float) -> Frame:
         counts = max(-MOST_COUNTS, min(MOST_COUNTS, round(COUNTS_PER_TURN * position)))

@@ -14,9 +14,10 @@ from teleop_rt.config_loader import load_trial
 from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
 from teleop_rt_drivers.calibration.weights import CalibrationError
+from teleop_rt_drivers.opening import open_axis, open_lock_step
 from teleop_rt_drivers.operator_device import open_device_of, simulated_device
 from teleop_rt_drivers.pace import Pace, SimulatedPace, paced
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, open_axis, open_lock_step
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 
 NOBODY = "operator.hand.let_go_s=0.001"
