@@ -11,25 +11,26 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.codec import motion_body
 from teleop_rt.link.messages import Kind, StateMessage
-from teleop_rt.master.adoption import Adoption, Tank
 from teleop_rt.master.build import make_port
 from teleop_rt.master.coupling import Coupling
 from teleop_rt.master.device import HeldDevice
-from teleop_rt.master.energy import PassivityObserver
 from teleop_rt.master.engagement import Engagement, LinkState
 from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
-from teleop_rt.master.leash import Leash
 from teleop_rt.master.operators import Operator
+from teleop_rt.master.parts import (
+    make_adoption,
+    make_brakes,
+    make_intake,
+    make_observer,
+    make_registration,
+    make_screening,
+    range_of,
+)
 from teleop_rt.master.passivity import Port
-from teleop_rt.master.provisional import Provisional
-from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.rows import record
-from teleop_rt.master.screening import Screening
 from teleop_rt.master.shaking import ShakeGuard
 from teleop_rt.master.stalled_force import StalledForce
-from teleop_rt.master.travel import TravelEnds
-from teleop_rt.master.wall_intake import WallIntake
 from teleop_rt.master.wall_limiter import RenderedBound, WallLimiter
 from teleop_rt.master.walls import NO_WALL
 from teleop_rt.realtime.row import Row
@@ -38,18 +39,6 @@ from teleop_rt.signals import MASTER
 # By these names a tick finds them at once.
 _WAITING, _ENGAGED, _FROZEN = LinkState.WAITING, LinkState.ENGAGED, LinkState.FROZEN
 _DECLUTCHED, _MOTION = LinkState.DECLUTCHED, Kind.MOTION
-
-REFERENCE_SHARE = 0.05
-"""The depth at which models are compared, as a share of the axis range."""
-CLEARANCE_SHARE = 0.005
-"""How near to a wall a vanishing offset may bring the slave, as a share of the axis range."""
-FARTHEST_RANGES = 100.0
-"""A slave that claims to stand further away than so many axis ranges is not believed."""
-NOTICEABLE_SHARE = 0.02
-"""The force, as a share of the largest, that a phantom wall must reach to be withdrawn."""
-
-TOUCH_SHARE = 0.01
-"""The rise of the slave's force from which a first touch has a slope, as a share of the largest."""
 
 
 class Master:
@@ -75,14 +64,11 @@ class Master:
         effects: Sequence[Effect] = (),
         port: Port | None = None,
     ) -> None:
-        axis_range = limits.position_max - limits.position_min
         force_max = config.force_max / config.force_scale
-        capacity_J, allowance_W = config.tank_capacity_mJ * 1e-3, config.tank_power_mW * 1e-3
-        self._dt_s = period_ns * 1e-9
+        self._dt_s = dt_s = period_ns * 1e-9
         self._operator = operator
         self._device = operator if isinstance(operator, HeldDevice) else None
-        self.endpoint = endpoint
-        self._now_ns = now_ns
+        self.endpoint, self._now_ns = endpoint, now_ns
         self._coupling = coupling
         self._position_scale, self.force_scale = config.position_scale, config.force_scale
         self._force_max = config.force_max
@@ -90,36 +76,20 @@ class Master:
         self._rejoin_speed = config.offset_speed
         self._surface_W = 1e-3 * config.surface_power_mW
         self.energy_scale = config.force_scale / config.position_scale
-        tank = Tank(capacity_J / self.energy_scale, allowance_W / self.energy_scale)
-        self.adoption = Adoption(force_max, config.force_step / config.force_scale, tank)
-        self.registration = Registration(config.offset_speed, CLEARANCE_SHARE * axis_range)
-        reach = max(abs(limits.position_min), abs(limits.position_max)) + axis_range
-        self.screening = Screening(
-            REFERENCE_SHARE * axis_range, FARTHEST_RANGES * axis_range, reach
-        )
+        self.adoption = make_adoption(config)
+        self.registration = make_registration(config, limits)
+        self.screening = make_screening(limits)
         self.engagement = Engagement(config)
-        port = port or make_port(config, self._dt_s)
+        port = port or make_port(config, dt_s)
         self.limiter = WallLimiter(port, force_max, limits.velocity_max)
-        self.observer = PassivityObserver(
-            port.delay_s, self._dt_s, capacity_J, allowance_W, damps=coupling is None
-        )
-        self.shaking = ShakeGuard(self._dt_s, port.damping)
-        brake, grip = config.leash_force / config.force_scale, self.limiter.grip
-        self.leash = Leash(1e-3 * config.leash_mm, brake, grip, self._dt_s)
-        scale = config.position_scale
-        low, high = (-math.inf, math.inf) if self._device is None else self._device.watch.travel
-        self.ends = TravelEnds((scale * low, scale * high), brake, grip, self._dt_s)
-        self.effects = RenderedEffects(effects, axis_range, limits.velocity_max)
-        self.intake = WallIntake(
-            self.adoption,
-            self.registration,
-            self.limiter,
-            self.screening,
+        self.observer = make_observer(config, port, dt_s, damps=coupling is None)
+        self.shaking = ShakeGuard(dt_s, port.damping)
+        self.leash, self.ends = make_brakes(config, self._device, self.limiter.grip, dt_s)
+        self.effects = RenderedEffects(effects, range_of(limits), limits.velocity_max)
+        self.intake = make_intake(
+            config, limits, self.adoption, self.registration, self.limiter, self.screening,
             self.effects,
-            Provisional(force_max / axis_range, TOUCH_SHARE * force_max),
-            PhantomWatch(NOTICEABLE_SHARE * force_max),
-            refuses=config.on_violation == "refuse",
-        )
+        )  # fmt: skip
         self.row = Row(MASTER).values
         self.reset()
 

@@ -12,8 +12,8 @@ from teleop_rt.config_operator import ProfileOperator
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.contact.fitted import code_of
 from teleop_rt.link.messages import ModelEffect, ModelMessage
-from teleop_rt.master.master import TOUCH_SHARE
 from teleop_rt.master.operators import Profile
+from teleop_rt.master.parts import TOUCH_SHARE
 from teleop_rt.master.passivity import Port
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.wall_limiter import WallLimiter, largest_slopes
