@@ -21,6 +21,7 @@ from teleop_rt.link.codec import (
     kind_of,
     pack_header,
 )
+from teleop_rt.link.door import PacketDoor, receive_expected
 from teleop_rt.link.handshake import Answerer, Budget, Caller
 from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.mailbox import Mailbox
@@ -38,7 +39,7 @@ from teleop_rt.link.peer_clock import PeerClock
 from teleop_rt.link.session import ReplayWindow, Session
 from teleop_rt.link.sessions import Sessions
 from teleop_rt.link.statistics import SENT, Statistics
-from teleop_rt.link.transport import Address, Transport
+from teleop_rt.link.transport import Address, Transport, UdpTransport
 from teleop_rt.link.troubles import (
     CLOCK_TROUBLE,
     NOTHING_TROUBLE,
@@ -113,6 +114,10 @@ class Endpoint(Mailbox):
         self.clock = PeerClock(one_way_max_ns)
         self.taken_by: str | None = None
         self.statistics = Statistics()
+        self._udp = transport if isinstance(transport, UdpTransport) else None
+        self._door = (
+            None if self._udp is None else PacketDoor(self._udp.packets, self._udp.descriptor)
+        )
         self._bind(ReplayWindow())
         self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
         self._sent = self.statistics.words.data[SENT : SENT + 1]
@@ -173,7 +178,31 @@ class Endpoint(Mailbox):
         """Take in what has arrived, a bounded number of packets, and keep the session alive."""
         self.fresh_motion = self.fresh_state = False
         self._answerer.new_poll()
-        now_ns, sessions, receive = self._now_ns(), self.sessions, self.transport.receive
+        now_ns, sessions = self._now_ns(), self.sessions
+        if not self._poll_door(now_ns):
+            self._poll_transport(now_ns)
+        if now_ns >= sessions.ages_ns:
+            sessions.age(now_ns)
+        if self._caller is not None:
+            self._call(self._caller, now_ns)
+
+    def _poll_door(self, now_ns: int) -> bool:
+        """Take in what waits if that is one expected packet, or none; return whether it was."""
+        udp, door, session = self._udp, self._door, self.sessions.current
+        if udp is None or door is None or session is None or not udp.is_empty:
+            return False
+        if length := self._receive_expected(udp.name, session.signed_id, self._kinds):
+            try:
+                self._take_expected(session, door.memory[:length], now_ns)
+            except MessageError as error:
+                self.statistics.reject(error.reason)
+            return True
+        udp.take_up(max(0, door.received))
+        return door.received <= 0
+
+    def _poll_transport(self, now_ns: int) -> None:
+        """Take in what has arrived, packet by packet."""
+        sessions, receive = self.sessions, self.transport.receive
         for _ in range(PACKETS_PER_POLL):
             packet = receive()
             if packet is None:
@@ -186,15 +215,13 @@ class Endpoint(Mailbox):
                     self._take_expected(session, packet, now_ns)
             except MessageError as error:
                 self.statistics.reject(error.reason)
-        if now_ns >= sessions.ages_ns:
-            sessions.age(now_ns)
-        if self._caller is not None:
-            self._call(self._caller, now_ns)
 
     def _bind(self, window: ReplayWindow) -> None:
         """Let what nearly every packet passes work on the window of the session that stands."""
         words = self._words, window.words
         self._is_expected = bound(intake.is_expected, words, b"", 0, 0)
+        if self._door is not None:
+            self._receive_expected = bound(receive_expected, (*self._door.arrays, *words), 0, 0, 0)
         more = self.clock.words, self.statistics.words, self.newest_motion.words
         self._accept = bound(intake.accept, (*words, *more), b"", 0, 0, 0)
 
@@ -261,7 +288,7 @@ class Endpoint(Mailbox):
         else:
             raise MessageError("kind")
 
-    def _take_expected(self, session: Session, packet: bytes, now_ns: int) -> None:
+    def _take_expected(self, session: Session, packet: Body, now_ns: int) -> None:
         """Take in one more motion or state of the session that stands, as nearly all are."""
         numbers, transport, sessions = self._numbers, self.transport, self.sessions
         body = session.open(packet, numbers[_SEQUENCE])

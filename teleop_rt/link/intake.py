@@ -102,7 +102,7 @@ def newest(link: Whole, kind: int) -> tuple[int, int]:
 
 
 @kernel
-def _whole(packet: bytes, at: int) -> int:
+def _whole(packet: bytes | Bytes, at: int) -> int:
     """Return the signed number in eight bytes."""
     value = np.int64(0)
     for byte in range(8):
@@ -111,16 +111,16 @@ def _whole(packet: bytes, at: int) -> int:
 
 
 @kernel
-def _stamp(packet: bytes, at: int) -> int:
+def _stamp(packet: bytes | Bytes, at: int) -> int:
     return min(max(_whole(packet, at), -FARTHEST_NS), FARTHEST_NS)
 
 
 @kernel
-def read_header(link: Whole, packet: bytes) -> int:
+def read_header(link: Whole, packet: bytes | Bytes) -> int:
     """Read the header of a packet into the first words; return what is wrong with it, or FINE."""
     if len(packet) < _HEADER_BYTES:
         return _LENGTH
-    if packet[0] | packet[1] << 8 != _MAGIC_WORD:
+    if int(packet[0]) | int(packet[1]) << 8 != _MAGIC_WORD:
         return _MAGIC
     if packet[2] != _VERSION_BYTE:
         return _VERSION
@@ -137,7 +137,9 @@ def read_header(link: Whole, packet: bytes) -> int:
 
 
 @kernel
-def is_expected(link: Whole, window: Whole, packet: bytes, session: int, kinds: int) -> bool:
+def is_expected(
+    link: Whole, window: Whole, packet: bytes | Bytes, session: int, kinds: int
+) -> bool:
     """Return whether a packet is one more of this session, of one of these kinds (bits).
 
     Whatever is wrong with another is found out by looking at it step by step.

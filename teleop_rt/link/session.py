@@ -115,7 +115,7 @@ class Session:
         """Return `clear | sealed body | tag`; `clear` is authenticated."""
         return clear + self.outgoing.aead.encrypt(pack_nonce(sequence), body, clear)
 
-    def open(self, packet: bytes, sequence: int) -> bytes:
+    def open(self, packet: Body, sequence: int) -> bytes:
         """Return the body of a packet. Raises MessageError where it does not verify."""
         try:
             sealed, clear = packet[HEADER_BYTES:], packet[:HEADER_BYTES]

@@ -58,6 +58,9 @@ class UdpTransport:
 
     Bound to loopback by default. The peer is given, or learnt from the sender of a verified
     packet: a peer that moves to another port is followed, a foreign one is not.
+
+    A kernel may receive into `packets` from the `descriptor` while `is_empty`, and `take_up` is
+    called then; `name` is the first word of the address of the last packet's sender.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, peer: Address | None = None) -> None:
@@ -75,11 +78,11 @@ class UdpTransport:
                 f"cannot bind UDP {host}:{port}: {error.strerror}; "
                 "choose another port (0 takes a free one) or an address of this machine"
             ) from error
-        self._packets = Packets(_AT_ONCE, MAX_DATAGRAM, named=True)
-        self._descriptor = self._socket.fileno()
+        self.packets = Packets(_AT_ONCE, MAX_DATAGRAM, named=True)
+        self.descriptor = self._socket.fileno()
+        self.name = 0
         self._count = self._next = 0
-        self._names = self._packets.senders.cast("Q")
-        self._name = 0
+        self._names = self.packets.senders.cast("q")
 
     @property
     def port(self) -> int:
@@ -105,21 +108,30 @@ class UdpTransport:
                 return None
             at = self._next = 0
             try:
-                self._count = self._packets.receive(self._descriptor)
+                self._count = self.packets.receive(self.descriptor)
             except OSError:
                 self._count = 0
             if not self._count:
                 return None
         self._next = at + 1
-        if self._names[at * _NAME_WORDS] != self._name:
+        if self._names[at * _NAME_WORDS] != self.name:
             self._meet(at)
-        packets, place = self._packets, at * MAX_DATAGRAM
+        packets, place = self.packets, at * MAX_DATAGRAM
         return bytes(packets.memory[place : place + packets.lengths[at]])
+
+    @property
+    def is_empty(self) -> bool:
+        """Return whether `receive` would look at the socket first."""
+        return self._next == self._count and self._count in (0, _AT_ONCE)
+
+    def take_up(self, count: int) -> None:
+        """Let `receive` return the packets that a kernel received into `packets`."""
+        self._count, self._next = count, 0
 
     def _meet(self, at: int) -> None:
         """Read another sender's address than the last one's: family, port and host."""
-        self._name = self._names[at * _NAME_WORDS]
-        port, address = _INTERNET.unpack_from(self._packets.senders, at * SENDER_BYTES)
+        self.name = self._names[at * _NAME_WORDS]
+        port, address = _INTERNET.unpack_from(self.packets.senders, at * SENDER_BYTES)
         self.sender = (socket.inet_ntoa(address), port)
 
     def confirm_sender(self) -> None:

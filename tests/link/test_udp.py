@@ -105,3 +105,69 @@ def test_a_restarted_master_on_another_port_is_followed(ends) -> None:
     assert slave.motion == MotionMessage(0.75, 0.0, 0, engaged=True)
     assert at_slave.peer == ("127.0.0.1", moved.port)
     again.close()
+
+
+def led_once(master: Endpoint, slave: Endpoint, at_slave: UdpTransport) -> None:
+    """Let the slave know its master's address, and take what comes from there by kernels."""
+    master.send(MotionMessage(0.125, 0.0, 0, engaged=True))
+    wait_for(at_slave)
+    slave.poll()
+
+
+def test_one_expected_packet_is_all_that_a_poll_looks_at(ends, monkeypatch) -> None:
+    master, slave, _, at_slave = ends
+    led_once(master, slave, at_slave)
+    monkeypatch.setattr(at_slave, "receive", lambda: pytest.fail("looked at by Python"))
+    slave.poll()
+    assert not slave.fresh_motion
+    for target in (0.5, 0.75):
+        master.send(MotionMessage(target, 0.0, 0, engaged=True))
+        wait_for(at_slave)
+        slave.poll()
+        assert slave.fresh_motion
+        assert slave.motion == MotionMessage(target, 0.0, 0, engaged=True)
+    assert slave.statistics.received == 3
+
+
+def test_of_several_packets_in_a_poll_the_last_is_the_newest(ends) -> None:
+    master, slave, at_master, at_slave = ends
+    led_once(master, slave, at_slave)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for target in (0.5, 0.75, 0.25):
+            master.send(MotionMessage(target, 0.0, 0, engaged=True))
+            stranger.sendto(b"hello", ("127.0.0.1", at_slave.port))
+        wait_for(at_slave)
+        slave.poll()
+    assert slave.motion == MotionMessage(0.25, 0.0, 0, engaged=True)
+    assert at_slave.peer == ("127.0.0.1", at_master.port)
+    assert (slave.statistics.received, sum(slave.statistics.rejected.values())) == (4, 3)
+
+
+def test_a_stranger_whose_packet_was_dropped_does_not_become_the_peer(ends) -> None:
+    master, slave, at_master, at_slave = ends
+    led_once(master, slave, at_slave)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.sendto(b"hello", ("127.0.0.1", at_slave.port))
+        wait_for(at_slave)
+        slave.forget_waiting()
+    led_once(master, slave, at_slave)
+    assert slave.statistics.received == 2
+    assert at_slave.peer == ("127.0.0.1", at_master.port)
+
+
+def test_a_single_spoilt_or_repeated_packet_is_refused(ends, monkeypatch) -> None:
+    master, slave, at_master, at_slave = ends
+    led_once(master, slave, at_slave)
+    sent: list[bytes] = []
+    send = at_master.send
+    monkeypatch.setattr(at_master, "send", lambda packet, to=None: sent.append(packet))
+    master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
+    wrong = bytearray(sent[0])
+    wrong[-1] ^= 1
+    for packet, target in ((bytes(wrong), 0.125), (sent[0], 0.5), (sent[0], 0.5)):
+        send(packet)
+        wait_for(at_slave)
+        slave.poll()
+        assert slave.motion == MotionMessage(target, 0.0, 0, engaged=True)
+    found = {reason: count for reason, count in slave.statistics.rejected.items() if count}
+    assert found == {"authentication": 1, "replay": 1}

@@ -1,0 +1,86 @@
+"""The socket of the link for kernels: the one packet of a tick is received and judged at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.jit import kernel
+from teleop_rt.kernel_record import record_type
+from teleop_rt.link.intake import is_expected
+from teleop_rt.realtime.system_calls import receive_packets
+
+if TYPE_CHECKING:
+    from teleop_rt.realtime.packets import Packets
+
+    Whole = NDArray[np.int64]
+
+OTHER = 0
+"""In place of a length: nothing came, or something that is to be looked at step by step."""
+
+
+class Door:
+    """Fields of a socket: its descriptor and its packets' headers.
+
+    `received` is how many packets the last call took, or minus the number of an error.
+    """
+
+    descriptor: int
+    headers: int
+    most: int
+    received: int
+
+
+_DOOR = record_type(Door)
+_RECEIVED = list(Door.__annotations__).index("received")
+Doors = NDArray[np.record]
+
+
+class PacketDoor:
+    """A socket that receives into `packets`, for kernels: `arrays`, and `door` by name.
+
+    `memory` holds the packet that was received first.
+    """
+
+    def __init__(self, packets: Packets, descriptor: int) -> None:
+        stored: Doors = np.zeros(1, _DOOR)
+        self.door = cast("Door", stored[0])
+        self.door.descriptor, self.door.headers = descriptor, packets.headers
+        self.door.most = packets.most
+        self.memory = packets.memory
+        memory = np.frombuffer(packets.memory, np.uint8)
+        names = np.frombuffer(packets.senders, np.int64)
+        self.arrays = stored, np.asarray(packets.lengths), memory, names
+        self._words = stored.view(np.int64).data
+
+    @property
+    def received(self) -> int:
+        """How many packets the last call took, or minus the number of an error."""
+        return self._words[_RECEIVED]
+
+
+@kernel
+def receive_expected(
+    doors: Doors,
+    lengths: NDArray[np.uint32],
+    memory: NDArray[np.uint8],
+    names: Whole,
+    link: Whole,
+    window: Whole,
+    sender: int,
+    session: int,
+    kinds: int,
+) -> int:
+    """Receive what waits; return the length of the packet if there is one and it is expected.
+
+    That is one more of this session, of one of these kinds (bits), from this sender: the first
+    word of its address. Whatever else came lies as it was received, and OTHER is returned.
+    """
+    door: Any = doors[0]
+    door.received = receive_packets(door.descriptor, door.headers, door.most)
+    if door.received != 1 or names[0] != sender:
+        return OTHER
+    length = int(lengths[0])
+    return length if is_expected(link, window, memory[:length], session, kinds) else OTHER
