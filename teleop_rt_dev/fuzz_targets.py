@@ -20,7 +20,8 @@ from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.link.transport import Address, MemoryTransport
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
-from teleop_rt.realtime.recording import RecordingWriter, read_topics
+from teleop_rt.realtime.reading import read_topics
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.service.server import CommandServer
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC

@@ -29,7 +29,8 @@ from teleop_rt.estimation.recorded import Samples, estimated_samples
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.mcap_records import ends_whole
-from teleop_rt.realtime.recording import ONLINE, read_metadata, read_topics
+from teleop_rt.realtime.reading import read_metadata, read_topics
+from teleop_rt.realtime.recording import ONLINE
 
 Array = NDArray[np.float64]
 

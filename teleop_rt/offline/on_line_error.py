@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 
 _SLAVE = "/slave"
 _SIGNALS = ("stamp_ns", "filtered_force", "predicted_force")

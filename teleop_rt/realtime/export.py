@@ -25,12 +25,8 @@ from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.mcap_index import count_messages
 from teleop_rt.realtime.mcap_records import Record
 from teleop_rt.realtime.parts import parts
-from teleop_rt.realtime.recording import (
-    ONLINE,
-    read_metadata,
-    read_records,
-    read_topics,
-)
+from teleop_rt.realtime.reading import read_metadata, read_records, read_topics
+from teleop_rt.realtime.recording import ONLINE
 
 FORMATS = (".csv", ".npz", ".mat", ".parquet")
 _UNIT = re.compile(r"\[([^\]]*)\]")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import refuse_filled
 from teleop_rt.realtime.export import parquet_writer, units_of
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import SLAVE_TOPIC
 
 VERSION, CHUNK = "v2.1", 1000

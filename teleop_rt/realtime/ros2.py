@@ -17,7 +17,7 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.extras import install_command
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.export import units_of
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import MASTER_TOPIC, SLAVE_TOPIC
 
 Columns = Mapping[str, NDArray[np.float64]]

@@ -20,7 +20,7 @@ from teleop_rt.config_loader import dump
 from teleop_rt.errors import BAD_INPUT, RecordingError
 from teleop_rt.outputs import refuse_filled, unwritable
 from teleop_rt.realtime.parts import parts
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 
 RECORDING = "recording.mcap"
 TRIAL = "trial.yaml"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
 from teleop_rt.metrics import lag_s, nrmse
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
 from teleop_rt.trial.estimators import Replayed, replay_estimators
 from teleop_rt.trial.felt_force import (

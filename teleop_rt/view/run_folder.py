@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.realtime.mcap_index import count_messages
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.section import Units
 from teleop_rt.trial.felt_force import SIGNALS as FELT_SIGNALS
 from teleop_rt.trial.felt_force import Felt

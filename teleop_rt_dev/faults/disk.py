@@ -6,7 +6,8 @@ import subprocess
 from io import RawIOBase
 from pathlib import Path
 
-from teleop_rt.realtime.recording import RecordingWriter, read_topics
+from teleop_rt.realtime.reading import read_topics
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
 from teleop_rt_dev.faults.world import FaultWorld
 

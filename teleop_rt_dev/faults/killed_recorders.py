@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.realtime.parts import part
-from teleop_rt.realtime.recording import ONLINE, read_topics
+from teleop_rt.realtime.reading import read_topics
+from teleop_rt.realtime.recording import ONLINE
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.rotation import SIZES
 from teleop_rt.realtime.session import describe, publish

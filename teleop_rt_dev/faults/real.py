@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.realtime.parts import parts
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.signals import SLAVE, TRUTH, columns
 from teleop_rt_dev.faults.table import result

@@ -12,7 +12,7 @@ from rig_bench import MS
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.master.build import cutoff_of, make_port
 from teleop_rt.master.passivity import PassivityBound
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
 from teleop_rt.trial.felt_force import converged
 from teleop_rt.trial.folder import write_trial

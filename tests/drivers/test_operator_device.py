@@ -16,7 +16,7 @@ from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.config_loader import load_trial
 from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.handle_safety import HandleWatch
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise

@@ -14,7 +14,7 @@ from lean_install import without_report
 from machine_witness import undisturbed
 
 from teleop_rt.config_loader import load_trial
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH
 from teleop_rt.trial.bench import Bench

@@ -4,7 +4,8 @@ from contextlib import closing
 
 import numpy as np
 
-from teleop_rt.realtime.recording import RecordingWriter, read_topics
+from teleop_rt.realtime.reading import read_topics
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.world import FaultWorld

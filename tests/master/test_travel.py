@@ -9,7 +9,7 @@ import pytest
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.master.travel import TravelEnds
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt_dev.faults.handle import CANOPEN
 

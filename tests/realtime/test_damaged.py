@@ -16,7 +16,8 @@ from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import RecordingError
 from teleop_rt.interrupts import StopRequest
 from teleop_rt.realtime import mcap_records
-from teleop_rt.realtime.recording import ONLINE, RecordingWriter, read_metadata, read_topics
+from teleop_rt.realtime.reading import read_metadata, read_topics
+from teleop_rt.realtime.recording import ONLINE, RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 

@@ -13,7 +13,8 @@ from teleop_rt.diagnosis.recordings.table_files import read_table
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import OutputError
 from teleop_rt.realtime.export import export, recover
-from teleop_rt.realtime.recording import RecordingWriter, read_metadata, read_topics
+from teleop_rt.realtime.reading import read_metadata, read_topics
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.signals import MASTER, SLAVE, Signal
 

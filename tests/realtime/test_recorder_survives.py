@@ -13,7 +13,8 @@ import pytest
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime import session as session_module
 from teleop_rt.realtime.export import recover
-from teleop_rt.realtime.recording import RecordingWriter, read_topics
+from teleop_rt.realtime.reading import read_topics
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import RECORDER_STATE, Recorder, publish
 from teleop_rt.section import Units

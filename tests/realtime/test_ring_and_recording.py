@@ -7,9 +7,10 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime import recording
+from teleop_rt.realtime import reading
 from teleop_rt.realtime.mcap_index import count_messages, time_span
-from teleop_rt.realtime.recording import RecordingWriter, read_messages, read_topics
+from teleop_rt.realtime.reading import read_messages, read_topics
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.session import Recorder, publish
 from teleop_rt.section import Units
@@ -236,7 +237,7 @@ def test_rows_are_read_whole_however_many_were_expected(tmp_path, claimed, monke
     writer.add_topic("/slave", TABLE)
     writer.write_rows("/slave", np.array([[n, np.nan, n] for n in range(9_000)], dtype=float))
     writer.close()
-    monkeypatch.setattr(recording, "count_messages", lambda _: {"/slave": claimed})
+    monkeypatch.setattr(reading, "count_messages", lambda _: {"/slave": claimed})
     found = read_topics(path, ["/slave"])["/slave"]
     assert np.array_equal(found["state"], np.arange(9_000))
     assert np.isnan(found["force"]).all()

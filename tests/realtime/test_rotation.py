@@ -7,7 +7,8 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_online
 from teleop_rt.realtime.export import export, recover
 from teleop_rt.realtime.parts import part, parts
-from teleop_rt.realtime.recording import RecordingWriter, read_metadata, read_topics
+from teleop_rt.realtime.reading import read_metadata, read_topics
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.rotation import RotatingWriter, Sizes
 from teleop_rt.realtime.session import Recorder, publish
 from teleop_rt.section import Units

@@ -15,7 +15,7 @@ import pytest
 from browser import console_errors, headless_chromium, points, text, until
 from machine_witness import undisturbed
 
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.paths import SILICONE, TRIALS
 from teleop_rt_dev.service.lab import READY, Lab

@@ -18,7 +18,7 @@ from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.estimators import trial_extension
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.trial.closed_loop import FOAM, closed, run_into

@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.slave.faults import State
 from teleop_rt.trial import summary as summary_module
 from teleop_rt.trial.bench import Bench

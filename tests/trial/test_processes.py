@@ -12,7 +12,7 @@ import pytest
 from lean_install import without_report
 from machine_witness import undisturbed
 
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.trial.closed_loop import run_into

@@ -7,7 +7,7 @@ import pytest
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.clock import SimulatedClock
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import memory_link, run_lockstep
 from teleop_rt.trial.summary import summarise

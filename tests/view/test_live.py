@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.cli.wiring import open_bench
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.slave.faults import State

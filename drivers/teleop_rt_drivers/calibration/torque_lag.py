@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from teleop_rt.realtime.recording import read_topics
+from teleop_rt.realtime.reading import read_topics
 from teleop_rt_drivers.calibration.weights import CalibrationError
 from teleop_rt_drivers.drivetrain import HALF_WINDOW_NS, SLOW_SHARE, DrivetrainConfig
 

@@ -19,7 +19,8 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.leftovers import alive, owner, shared_folder
 from teleop_rt.realtime.mcap_index import time_span
 from teleop_rt.realtime.parent import end_with_parent
-from teleop_rt.realtime.recording import ONLINE, RUN, read_messages, read_metadata
+from teleop_rt.realtime.reading import read_messages, read_metadata
+from teleop_rt.realtime.recording import ONLINE, RUN
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import PREFIX, description
 from teleop_rt.service.place import places
