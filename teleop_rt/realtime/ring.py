@@ -21,57 +21,46 @@ Row = NDArray[np.float64]
 
 _MAGIC = 0x74726F706C657431
 """Eight letters, of which the last is the version of the layout."""
-_HEADER_WORDS = 8
+HEADER_WORDS = 8
 """Words of 8 bytes before the rows."""
 _TRIES = 10
 """Reads of a row that was overwritten meanwhile, before the reader gives up."""
-_MAGIC_WORD, _COLUMNS_WORD, _CAPACITY_WORD, _COUNT_WORD, _CLOSED_WORD = range(5)
+_MAGIC_WORD, _COLUMNS_WORD, CAPACITY_WORD, COUNT_WORD, _CLOSED_WORD = range(5)
 
 
 class RingWriter:
-    """The loop's end: `push` or `copy` takes one row; it never blocks and never allocates."""
+    """The loop's end: `push`, or a kernel (`ring_kernel`), takes one row.
+
+    Neither blocks or allocates. `memory` is the whole ring.
+    """
 
     def __init__(self, path: Path, columns: int, capacity: int) -> None:
         """Create the file. Raises FileExistsError where one of that name stands already."""
         self.path = path
-        words = _HEADER_WORDS + capacity * (columns + 2)
+        words = HEADER_WORDS + capacity * (columns + 2)
         descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o640)
         try:
             os.posix_fallocate(descriptor, 0, words * 8)
-            self._memory = mmap.mmap(descriptor, words * 8)
+            self.memory = mmap.mmap(descriptor, words * 8)
         finally:
             os.close(descriptor)
-        self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
-        body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)
+        self._header = np.frombuffer(self.memory, np.uint64, HEADER_WORDS)
+        body = np.frombuffer(self.memory, np.float64, offset=HEADER_WORDS * 8)
         body[:] = 0.0  # every page is touched now, none for the first time in the loop
         self._row = Struct(f"{columns + 2}d")
         self._row_bytes = self._row.size
-        header = memoryview(self._memory).cast("Q")
-        self._counted = header[_COUNT_WORD : _COUNT_WORD + 1]
-        self._words = memoryview(self._memory).cast("d")
-        self._stride = columns + 2
+        header = memoryview(self.memory).cast("Q")
+        self._counted = header[COUNT_WORD : COUNT_WORD + 1]
         self._capacity = capacity
-        self._count = 0
         self._header[_COLUMNS_WORD] = columns
-        self._header[_CAPACITY_WORD] = capacity
+        self._header[CAPACITY_WORD] = capacity
         self._header[_MAGIC_WORD] = _MAGIC
 
     def push(self, row: Sequence[float] | Row) -> None:
         """Copy `row` (columns,) into the ring, over the oldest one; a list is the quickest."""
-        self._count = number = self._count + 1
-        place = _HEADER_WORDS * 8 + number % self._capacity * self._row_bytes
-        self._row.pack_into(self._memory, place, number, *row, number)
-        self._counted[0] = number
-
-    def copy(self, row: memoryview[float]) -> None:
-        """Copy a row (columns,) that lies in memory as doubles: a fraction of what `push` takes."""
-        self._count = number = self._count + 1
-        words = self._words
-        first = _HEADER_WORDS + number % self._capacity * self._stride
-        last = first + self._stride - 1
-        words[first] = number
-        words[first + 1 : last] = row
-        words[last] = number
+        number = self._counted[0] + 1
+        place = HEADER_WORDS * 8 + number % self._capacity * self._row_bytes
+        self._row.pack_into(self.memory, place, number, *row, number)
         self._counted[0] = number
 
     def close(self) -> None:
@@ -91,14 +80,14 @@ class RingReader:
             self._memory = mmap.mmap(descriptor, size, access=mmap.ACCESS_READ)
         finally:
             os.close(descriptor)
-        self._header = np.frombuffer(self._memory, np.uint64, _HEADER_WORDS)
+        self._header = np.frombuffer(self._memory, np.uint64, HEADER_WORDS)
         if (magic := int(self._header[_MAGIC_WORD])) != _MAGIC:
             ours = magic >> 8 == _MAGIC >> 8
             what = "a ring of another version" if ours else "no ring"
             raise ValueError(f"{path} is {what} of this program: start the daemon again")
         self.columns = int(self._header[_COLUMNS_WORD])
-        self._capacity = int(self._header[_CAPACITY_WORD])
-        body = np.frombuffer(self._memory, np.float64, offset=_HEADER_WORDS * 8)
+        self._capacity = int(self._header[CAPACITY_WORD])
+        body = np.frombuffer(self._memory, np.float64, offset=HEADER_WORDS * 8)
         self._rows = body.reshape(self._capacity, self.columns + 2)
         self._next = 1
         self.dropped = 0
@@ -116,11 +105,11 @@ class RingReader:
     @property
     def waiting(self) -> bool:
         """True where a row has come since the last call of `read` or `skip`."""
-        return int(self._header[_COUNT_WORD]) >= self._next
+        return int(self._header[COUNT_WORD]) >= self._next
 
     def skip(self) -> None:
         """Leave unread what has come so far."""
-        self._next = int(self._header[_COUNT_WORD]) + 1
+        self._next = int(self._header[COUNT_WORD]) + 1
 
     def go_on_after(self, number: int) -> None:
         """Read from the row after this one: where another reader of the ring has come to."""
@@ -132,7 +121,7 @@ class RingReader:
 
     def read_numbered(self) -> tuple[NDArray[np.int64], Row]:
         """Return new rows and the number (n,) that the writer gave each."""
-        last = int(self._header[_COUNT_WORD])
+        last = int(self._header[COUNT_WORD])
         oldest = max(self._next, last - self._capacity + 2)
         self.dropped += oldest - self._next
         numbers = np.arange(oldest, last + 1)
@@ -145,7 +134,7 @@ class RingReader:
     def newest(self) -> Row | None:
         """Return the newest row, shape (columns,), whatever was read; None before the first."""
         for _ in range(_TRIES):
-            number = int(self._header[_COUNT_WORD])
+            number = int(self._header[COUNT_WORD])
             row: Row = self._rows[number % self._capacity].copy()
             if number and row[0] == row[-1] == number:
                 return row[1:-1]

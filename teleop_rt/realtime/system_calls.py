@@ -73,3 +73,12 @@ def read_bytes(descriptor: int, place: int, room: int) -> int:
         return -_ENDED
     code = _error()[0]
     return 0 if code in (_AGAIN, _INTERRUPTED) else -code
+
+
+@kernel
+def keep_order() -> None:
+    """Keep what is written before this call before what is written after it.
+
+    A compiler moves no store across a call of a function that it does not know.
+    """
+    _error()

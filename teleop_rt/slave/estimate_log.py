@@ -10,6 +10,7 @@ from teleop_rt.estimation.estimates import LEADING, MOST_NAMES
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import OFFSET, RowSpec
 from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.signals import Signal
 
 Publish = Callable[[str, Sequence[Signal]], RingWriter]
@@ -36,25 +37,26 @@ class EstimateLog:
     """One ring for each estimator, filled in turn."""
 
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
-        self._rings: list[tuple[RingWriter, memoryview[float]]] = []
+        self._rings: list[RingWriter] = []
+        self._writers: list[Callable[[], None]] = []
         self._next = 0
         stored = np.zeros(LEADING + 2 * MOST_NAMES)
-        memory = stored.data.cast("B").cast("d")
         self._write = pipeline.logged(stored)
         for row in pipeline.rows:
             table = estimate_table(row)
             topic = "/estimates/" + "/".join(row.label)
-            self._rings.append((publish(topic, table), memory[: len(table)]))
+            ring = publish(topic, table)
+            self._rings.append(ring)
+            self._writers.append(row_writer(ring, stored[: len(table)]))
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""
         number = self._next
         self._next = (number + 1) % len(self._rings)
         self._write(number, stamp_ns)
-        ring, row = self._rings[number]
-        ring.copy(row)
+        self._writers[number]()
 
     def close(self) -> None:
         """Close the rings for their readers."""
-        for ring, _ in self._rings:
+        for ring in self._rings:
             ring.close()

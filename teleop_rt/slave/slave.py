@@ -19,6 +19,7 @@ from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.realtime.row import Row
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
@@ -81,6 +82,7 @@ class Slave:
         self._came_in = CAME_IN.writer(record)
         self._row = Row(SLAVE)
         self._columns = self._row.values
+        self._record_row = row_writer(row_ring, self._row.stored.view(np.float64))
         self._body = new_state()
         self._body_bytes = self._body.view(np.uint8).data
         self.limiter = Limiter(rig.limits, period_s, record)
@@ -368,6 +370,6 @@ class Slave:
         if self._measure_work:
             row[_WORK_COLUMN] = self._work_us
             row[_WAKE_COLUMN] = wake_latency_ns * 1e-3
-        self._row_ring.copy(row)
+        self._record_row()
         if self._estimate_log is not None:
             self._estimate_log.update(self._stamp_ns)

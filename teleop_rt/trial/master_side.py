@@ -28,6 +28,7 @@ from teleop_rt.realtime.lateness import (
     Lateness,
     late_ns,
 )
+from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, MASTER_TOPIC
 from teleop_rt.trial.late import both
@@ -95,13 +96,14 @@ class MasterSide:
             library(Path(trial.effects_file) if trial.effects_file else None),
             port_of(trial, operator),
         )
+        self._record_row = row_writer(self.ring, np.asarray(self.master.row))
 
     def cycle(self, skipped: int = 0, wake_latency_ns: int = 0) -> None:
         """Run one tick and record it."""
         self.missed_ticks += skipped
         late = self._judge(late_ns(skipped, wake_latency_ns, self.period_ns))
         self.master.cycle(skipped, stalled=late is not IN_TIME)
-        self.ring.copy(self.master.row)
+        self._record_row()
 
     def _judge(self, late_ns: int) -> Late:
         """Judge how late a tick began, while a device pushes back; one that must stop is let go."""

@@ -12,6 +12,7 @@ from teleop_rt.realtime.mcap_index import count_messages, time_span
 from teleop_rt.realtime.reading import read_messages, read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingReader, RingWriter
+from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.realtime.session import Recorder, publish
 from teleop_rt.section import Units
 from teleop_rt.signals import Signal
@@ -38,21 +39,34 @@ def test_a_reader_sees_every_row_in_order_and_counts_what_was_overrun(tmp_path):
     assert reader.dropped == 35
 
 
-def test_a_copied_row_is_read_as_a_pushed_one(tmp_path):
+def test_a_row_that_a_kernel_writes_is_read_as_a_pushed_one(tmp_path):
     writer = RingWriter(tmp_path / "r", 3, 8)
     reader = RingReader(tmp_path / "r")
     row = np.zeros(3)
+    write = row_writer(writer, row)
     for number in range(5):
         row[:] = number, -number, np.nan
         if number % 2:
             writer.push(row)
         else:
-            writer.copy(row.data)
+            write()
     rows = reader.read()
     assert rows[:, 0].tolist() == list(range(5))
     assert rows[:, 1].tolist() == [-number for number in range(5)]
     assert np.isnan(rows[:, 2]).all()
     assert reader.dropped == 0
+
+
+def test_kernels_overrun_a_slow_reader_as_pushed_rows_do(tmp_path):
+    writer = RingWriter(tmp_path / "r", 2, 16)
+    reader = RingReader(tmp_path / "r")
+    row = np.zeros(2)
+    write = row_writer(writer, row)
+    for number in range(60):
+        row[:] = number, -number
+        write()
+    assert reader.read().tolist() == [[number, -number] for number in range(45, 60)]
+    assert (reader.dropped, reader.last_read) == (45, 60)
 
 
 def test_a_torn_row_is_dropped_and_counted(tmp_path):
