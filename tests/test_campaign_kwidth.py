@@ -32,8 +32,11 @@ def test_the_optimum_is_the_known_bound_where_that_is_exact(latency_s, stiffest)
     assert found == pytest.approx(stiffest, rel=1e-3)
 
 
-@pytest.mark.parametrize("handle", kwidth.HANDLES)
-def test_a_shipped_handle_renders_nine_tenths_of_the_optimum_and_no_more(handle):
-    found = kwidth.shipped(handle)
+@pytest.mark.parametrize(
+    ("handle", "changes"),
+    [(name, ()) for name in kwidth.HANDLES] + [(name, kwidth.ANSWERED) for name in kwidth.ASKED],
+)
+def test_a_shipped_handle_renders_nine_tenths_of_the_optimum_and_no_more(handle, changes):
+    found = kwidth.shipped(handle, changes)
     assert 0.9 * found["optimum_K"] <= found["rendered_K"] <= found["optimum_K"]
     assert 0.9 * found["optimum_B"] <= found["rendered_B"] <= found["optimum_B"]

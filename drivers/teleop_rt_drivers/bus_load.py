@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
     from teleop_rt.config_rig import RigConfig
+    from teleop_rt_drivers.actuators.codec import Frame
+    from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
     from teleop_rt_drivers.actuators.part import CanActuatorPart, LineActuatorPart
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
@@ -106,17 +108,30 @@ def raw_can_load(config: RawCanPart, bit_rate: int) -> Load:
 
 def actuator_load(config: CanActuatorPart, rig: RigConfig, bit_rate: int) -> Load:
     """Return the load of a command every cycle, and of what the drive sends each cycle."""
+    frames = config.codec(rig).follow(0.0, 0.0)
+    bits = sum(sum(exchange_bits(frame, config, bit_rate)) for frame in frames)
+    return Load(bits, 0.0, bit_rate)
+
+
+def asked_load(config: ActuatorDeviceConfig, rig: RigConfig, bit_rate: int) -> Load:
+    """Return the load of an operator's device; where it is asked each cycle, of that as well."""
+    load = actuator_load(config.drive, rig, bit_rate)
+    if config.asked is None:
+        return load
+    question = config.asked.codec(rig).question()
+    bits = sum(exchange_bits(question, config.drive, bit_rate))
+    return Load(load.per_cycle + bits, 0.0, bit_rate)
+
+
+def exchange_bits(frame: Frame, config: CanActuatorPart, bit_rate: int) -> tuple[float, float]:
+    """Return the longest a frame and the drive's answer to it take, in bits of the slow rate."""
     share = bit_rate / (config.bus.data_bitrate or bit_rate)
-    per_cycle = 0.0
-    for frame in config.codec(rig).follow(0.0, 0.0):
-        size = len(frame.data)
+
+    def bits(size: int) -> float:
         wide, long = frame.fd, frame.extended
-        per_cycle += fd_frame_bits(size, share) if wide else frame_bits(size, extended=long)
-        per_cycle += sum(
-            fd_frame_bits(answer, share) if wide else frame_bits(answer, extended=long)
-            for answer in config.answer_bytes
-        )
-    return Load(per_cycle, 0.0, bit_rate)
+        return fd_frame_bits(size, share) if wide else frame_bits(size, extended=long)
+
+    return bits(len(frame.data)), sum(bits(size) for size in config.answer_bytes)
 
 
 def line_turn_s(config: LineActuatorPart, rig: RigConfig) -> float:

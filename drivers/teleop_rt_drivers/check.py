@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 from teleop_rt.axis import AxisError
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.link.keys import KeyFileError, load_keys
+from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
 from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
 from teleop_rt_drivers.bus_load import (
     FULLEST_LINE,
     actuator_load,
+    asked_load,
     canopen_load,
     line_turn_s,
     raw_can_load,
@@ -126,7 +128,10 @@ def _check_loads(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
     if isinstance(part, LineActuatorPart):
         return [_turn(part, rig, where), _reach(part, rig, where)]
     if isinstance(part, CanActuatorPart):
-        load = actuator_load(part, rig, part.bus.bitrate or DEFAULT_BIT_RATE)
+        bit_rate, axis = part.bus.bitrate or DEFAULT_BIT_RATE, rig.axis
+        load = actuator_load(part, rig, bit_rate)
+        if isinstance(axis, ActuatorDeviceConfig):
+            load = asked_load(axis, rig, bit_rate)
         return [_load_finding(load, rate_hz, f"{where}.bus"), _reach(part, rig, where)]
     if isinstance(part, CanopenPart):
         dictionaries = {n: eds.load(node.eds, node.node_id) for n, node in part.nodes.items()}

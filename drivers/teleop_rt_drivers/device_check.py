@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
 from teleop_rt.master.build import make_port
 from teleop_rt.master.passivity import PassivityBound, Port
+from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
 from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
 from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.operator_device import device_axis, device_transport
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
-from teleop_rt_drivers.transport import DEFAULT_BIT_RATE, answer_bits, timing_of
+from teleop_rt_drivers.transport import DEFAULT_BIT_RATE, answer_bits, question_bits, timing_of
 
 if TYPE_CHECKING:
     from teleop_rt.axis import Timing
@@ -42,19 +44,29 @@ def _latency(timing: Timing) -> Finding:
 def _too_soon(trial: TrialConfig, operator: DeviceOperator, timing: Timing) -> list[Finding]:
     """Refuse a latency that bus and frames cannot do."""
     findings, axis = [], device_axis(operator.rig)
-    if isinstance(axis, CanopenDeviceConfig) and axis.answer_within_ms is not None:
-        needed_ms = 1e3 * answer_bits(axis) / (axis.bus.bitrate or DEFAULT_BIT_RATE)
-        if axis.answer_within_ms < needed_ms:
-            what = f"{axis.answer_within_ms:g} ms is less than the {needed_ms:.3f} ms that the"
-            step = f"set answer_within_ms to {needed_ms:.2f} or more, or map fewer objects"
-            where = "operator.rig.axis.answer_within_ms"
-            findings.append(Finding("error", f"{what} answers to SYNC are on the bus", where, step))
+    if isinstance(axis, CanopenDeviceConfig):
+        fewer = ", or map fewer objects"
+        findings += _answers(axis, answer_bits(axis), "the answers to SYNC", fewer)
+    elif isinstance(axis, ActuatorDeviceConfig):
+        findings += _answers(axis, question_bits(axis, operator.rig), "question and answer", "")
     declared_ms, computed_ms = trial.master.device_delay_ms, 1e3 * timing.latency_s
     if 0.0 < declared_ms < computed_ms:
         what = f"{declared_ms:g} ms is below the {computed_ms:.2f} ms that bus and drive can do"
         step = "leave the key out: the driver computes it"
         findings.append(Finding("error", what, "master.device_delay_ms", step))
     return findings
+
+
+def _answers(
+    axis: CanopenDeviceConfig | ActuatorDeviceConfig, bits: float, frames: str, or_else: str
+) -> list[Finding]:
+    """Refuse a wait for answers that ends before they can be there."""
+    needed_ms = 1e3 * bits / (axis.bus.bitrate or DEFAULT_BIT_RATE)
+    if axis.answer_within_ms is None or axis.answer_within_ms >= needed_ms:
+        return []
+    what = f"{axis.answer_within_ms:g} ms is less than the {needed_ms:.3f} ms that {frames} are"
+    step = f"set answer_within_ms to {1e-2 * math.ceil(1e2 * needed_ms):.2f} or more{or_else}"
+    return [Finding("error", f"{what} on the bus", "operator.rig.axis.answer_within_ms", step)]
 
 
 def _enabling(operator: DeviceOperator) -> list[Finding]:

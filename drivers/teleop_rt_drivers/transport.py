@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError, Timing
-from teleop_rt_drivers.bus_load import BITS_PER_SERIAL_BYTE, actuator_load, frame_bits
+from teleop_rt_drivers.bus_load import (
+    BITS_PER_SERIAL_BYTE,
+    actuator_load,
+    exchange_bits,
+    frame_bits,
+)
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.framed.binary import BinaryPacker
@@ -74,6 +79,14 @@ def answer_bits(axis: CanopenDeviceConfig) -> int:
     return bits
 
 
+def question_bits(axis: ActuatorDeviceConfig, rig: RigConfig) -> float:
+    """Return the bits on the wire from a question to a drive until its answer is complete."""
+    if axis.asked is None:
+        return 0.0
+    bit_rate = axis.bus.bitrate or DEFAULT_BIT_RATE
+    return sum(exchange_bits(axis.asked.codec(rig).question(), axis.drive, bit_rate))
+
+
 def command_bits(axis: CanopenDeviceConfig) -> int:
     """Return the bits of a command frame on the wire, at worst."""
     dictionary = eds.load(axis.drive.eds, axis.drive.node_id)
@@ -107,10 +120,16 @@ def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> TransportTimes
 def actuator_transport(axis: ActuatorDeviceConfig, rig: RigConfig) -> TransportTimes:
     """Return the transport of a drive with a protocol of its maker, its frames one after another.
 
-    A drive that answers commands reports, a cycle later, its position at the last command; a drive
-    that sends by itself does so once a period, on its own time grid.
+    A drive that is asked answers within `answer_within_ms`, and takes the force in the same cycle.
+    One that answers commands alone reports, a cycle later, its position at the last command; a
+    drive that sends by itself does so once a period, on its own time grid.
     """
     bit_rate = axis.bus.bitrate or DEFAULT_BIT_RATE
+    if axis.asked is not None and axis.answer_within_ms is not None:
+        (command,) = axis.asked.codec(rig).push(0.0)
+        age_s = 1e-3 * axis.answer_within_ms
+        command_s = exchange_bits(command, axis.drive, bit_rate)[0] / bit_rate
+        return TransportTimes(age_s, command_s, hidden_delay_s=age_s + command_s)
     wire_s = actuator_load(axis.drive, rig, bit_rate).per_cycle / bit_rate
     age_s = rig.period_ns * 1e-9
     if axis.drive.codec(rig).asks:

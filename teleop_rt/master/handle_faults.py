@@ -27,7 +27,8 @@ _OTHERS = (
         51,
         "handle_stale",
         "no valid sample of the operator's device for 10 ms",
-        "check power and wiring of its encoder, and the load of its bus; then start again",
+        "check power and wiring of its encoder, the load of its bus and its answer_within_ms; "
+        "then start again",
     ),
     OVERSPEED := HandleFault(
         52,

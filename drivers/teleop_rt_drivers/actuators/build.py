@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from teleop_rt_drivers.actuators.asking import AskingPort
 from teleop_rt_drivers.actuators.drive import ActuatorDrive, ActuatorForceDrive
 from teleop_rt_drivers.actuators.port import ActuatorPort
 from teleop_rt_drivers.actuators.wire import CanWire, LineWire
@@ -71,8 +72,14 @@ def open_actuator_device(
 ) -> FramedAxis:
     """Return an operator's device that is such a drive, on a bus that it closes."""
     part, counters = config.drive, new_counters()
-    codec = part.codec(rig)
-    port = _port(part, codec, CanWire(bus, counters), counters, now_ns, codec)
+    wire = CanWire(bus, counters)
+    if (asked := config.asked) is None:
+        codec = part.codec(rig)
+        port = _port(part, codec, wire, counters, now_ns, codec)
+    else:
+        answer_ns = round(1e6 * (config.answer_within_ms or 0.0))
+        times = (*_watched_ns(part), answer_ns)
+        port = AskingPort(asked.codec(rig), wire, counters, now_ns, *times)
     scale = Scale(part.force_per_torque, part.sign, 0.0)
     drive = ActuatorForceDrive(part, port, (scale, scale), counters)
     timing = timing_of(actuator_transport(config, rig), rig)
@@ -88,6 +95,10 @@ def _port(
     now_ns: NowNs,
     by_torque: TorqueCodec | None = None,
 ) -> ActuatorPort:
-    state_ns = part.state_timeout_ms * 1_000_000
+    return ActuatorPort(codec, wire, counters, now_ns, *_watched_ns(part), by_torque)
+
+
+def _watched_ns(part: ActuatorPart) -> tuple[int, int | None]:
+    """Return how old a state may be, and how long the drive goes on without commands."""
     watchdog_ns = None if part.watchdog_ms is None else part.watchdog_ms * 1_000_000
-    return ActuatorPort(codec, wire, counters, now_ns, state_ns, watchdog_ns, by_torque)
+    return part.state_timeout_ms * 1_000_000, watchdog_ns

@@ -36,7 +36,10 @@ class DriveState(IntEnum):
 
 
 class Taken(IntEnum):
-    """Kind of a received frame; a NOTED one contains neither position nor state."""
+    """Kind of a received frame; a NOTED one contains neither position nor state.
+
+    A PLACED one contains a position alone: it answers a question, never a command.
+    """
 
     MEASURED = 0
     STATE = 1
@@ -44,6 +47,7 @@ class Taken(IntEnum):
     FOREIGN = 3
     REFUSED = 4
     NOTED = 5
+    PLACED = 6
 
 
 @dataclass(slots=True)
@@ -105,6 +109,13 @@ class TorqueCodec(Codec, Protocol):
 
     def push(self, torque: float) -> Frames:
         """Return the order to push with a torque [Nm], whatever the position."""
+
+
+class AskedCodec(TorqueCodec, Protocol):
+    """A protocol in which a drive can be asked where it is without being commanded."""
+
+    def question(self) -> Frame:
+        """Return the frame that asks for the position, and is answered by one frame."""
 
 
 class LineCodec(Codec, Protocol):

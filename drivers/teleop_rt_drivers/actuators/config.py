@@ -210,6 +210,10 @@ CanActuator = OdrivePart | MitCanPart | MoteusPart | VescPart
 """Every drive with a protocol of its maker on a CAN bus; each can be asked for a torque."""
 
 
+AskedPart = MitCanPart | MoteusPart
+"""Every drive that can be asked where it is without being commanded."""
+
+
 class ActuatorDeviceConfig(AxisConfig):
     """An operator's device that is one such drive: its position, and the torque it is asked for."""
 
@@ -219,6 +223,24 @@ class ActuatorDeviceConfig(AxisConfig):
     drive: Annotated[CanActuator, Field(discriminator="driver")] = Field(
         description="The drive; its position is `from drive`."
     )
+    answer_within_ms: float | None = Field(
+        None,
+        gt=0,
+        le=5,
+        description=(
+            "Ask the drive where it is at the start of each cycle, wait this long for its answer, "
+            "and command in the same cycle; null takes the position that answered the last "
+            "command. Only for drives that can be asked: mit_can and moteus."
+        ),
+    )
+
+    @model_validator(mode="after")
+    def _can_be_asked(self) -> ActuatorDeviceConfig:
+        if self.answer_within_ms is not None and self.asked is None:
+            raise ValueError(
+                f"answer_within_ms must be null: {self.drive.driver} sends its position by itself"
+            )
+        return self
 
     @model_validator(mode="after")
     def _measures_position(self) -> ActuatorDeviceConfig:
@@ -227,6 +249,13 @@ class ActuatorDeviceConfig(AxisConfig):
         if self.drive.force is not None:
             raise ValueError("drive.force: an operator's device measures no force")
         return self
+
+    @property
+    def asked(self) -> AskedPart | None:
+        """Return the drive if it is asked where it is in each cycle."""
+        if self.answer_within_ms is None or not isinstance(self.drive, AskedPart):
+            return None
+        return self.drive
 
     @property
     def bus(self) -> BusConfig:

@@ -2,8 +2,9 @@
 
 A command holds position, velocity, stiffness kp, damping kd and torque, each as a whole number over
 a range that drive and daemon must agree on; the motor pushes kp (p - x) + kd (v - x') + t. Each
-command is answered. Sources: Damiao, cmjang/DM_Control_Python, DM_CAN.py, and the error codes of
-its manual; CyberGear, the maker's manual (belovictor/cybergear-docs), chapter 4; RobStride,
+command is answered, and so is a question. Sources: Damiao, cmjang/DM_Control_Python, DM_CAN.py (the
+question is `refresh_motor_status` of its later versions), and the error codes of its manual;
+CyberGear, the maker's manual (belovictor/cybergear-docs), chapter 4; RobStride,
 kscalelabs/robstride, src/protocol.rs and src/actuator_types.rs.
 """
 
@@ -86,6 +87,10 @@ class MitCodec:
         """Return the command to come to rest by damping alone."""
         return (self.impedance(0.0, 0.0, 0.0, self._gains.kd, 0.0),)
 
+    def question(self) -> Frame:
+        """Return what asks for the position, and commands nothing."""
+        raise NotImplementedError
+
     def push(self, torque: float) -> Frames:
         """Return the command to push with a torque, and nothing else; its mean is exact.
 
@@ -114,6 +119,7 @@ DAMIAO_ERRORS = {
     0xD: "communication lost: no command within its time-out", 0xE: "overload",
 }  # fmt: skip
 ENABLE, DISABLE, CLEAR = 0xFC, 0xFD, 0xFB
+TO_ALL, REFRESH = 0x7FF, 0xCC
 DAMIAO_STATES = {0: DriveState.OFF, 1: DriveState.FOLLOWING}
 
 
@@ -153,6 +159,10 @@ class DamiaoCodec(MitCodec):
         packed |= whole(kd, 0.0, top.damping, 12) << 12
         packed |= whole(torque, -top.torque, top.torque, self.torque_bits)
         return Frame(self._motor_id, packed.to_bytes(8, "big"))
+
+    def question(self) -> Frame:
+        """Return the request for a status, which is answered as a command is."""
+        return Frame(TO_ALL, struct.pack("<HB5x", self._motor_id, REFRESH))
 
     def take(self, frame: Frame, report: Report) -> Taken:
         """Take id and error 4 bits each, p 16, v 12, t 12, two temperatures."""
@@ -197,12 +207,13 @@ FAULT_VALUES = {
     0x80: "encoder not calibrated", 0xFF00: "overload or start-up check failed",
 }  # fmt: skip
 """Bits of the fault value that a message of its own contains (CyberGear's manual, 4.1.10)."""
-CONTROL, ANSWER, ENABLE_TYPE, STOP_TYPE, WRITE, FAULTS_TYPE = 1, 2, 3, 4, 18, 21
-RUN_MODE, LIMIT_TORQUE, CAN_TIMEOUT = 0x7005, 0x700B, 0x7028
+CONTROL, ANSWER, ENABLE_TYPE, STOP_TYPE, READ, WRITE, FAULTS_TYPE = 1, 2, 3, 4, 17, 18, 21
+RUN_MODE, LIMIT_TORQUE, MECHANICAL_POSITION, CAN_TIMEOUT = 0x7005, 0x700B, 0x7019, 0x7028
 TIMEOUT_PER_MS = 20
 """Counts of CAN_TIMEOUT in a millisecond: 20000 is a second."""
 TYPED_STATES = {0: DriveState.OFF, 2: DriveState.FOLLOWING}
 _numbers = struct.Struct(">HHHH")
+_parameter = struct.Struct("<HHf")
 
 
 class TypedCodec(MitCodec):
@@ -258,8 +269,12 @@ class TypedCodec(MitCodec):
         )
         return self._frame(CONTROL, data, whole(torque, -top.torque, top.torque, self.torque_bits))
 
+    def question(self) -> Frame:
+        """Return the request to read the position; a CyberGear needs firmware 1.2.1.5."""
+        return self._frame(READ, _parameter.pack(MECHANICAL_POSITION, 0, 0.0))
+
     def take(self, frame: Frame, report: Report) -> Taken:
-        """Take an answer: the motor's id, faults and mode in the id; p, v, t and temperature."""
+        """Take an answer: who sends it, and to whom, is in the id."""
         if not frame.extended:
             return Taken.OTHER
         kind, motor, host = frame.can_id >> 24, frame.can_id >> 8 & 0xFF, frame.can_id & 0xFF
@@ -267,8 +282,13 @@ class TypedCodec(MitCodec):
             return Taken.FOREIGN
         if kind == FAULTS_TYPE and {motor, host} == {self._motor_id, self._host_id}:
             return self._take_faults(frame.data, report)
-        if kind != ANSWER or motor != self._motor_id or host != self._host_id:
+        if kind not in {ANSWER, READ} or motor != self._motor_id or host != self._host_id:
             return Taken.OTHER
+        take = self._take_position if kind == READ else self._take_answer
+        return take(frame, report)
+
+    def _take_answer(self, frame: Frame, report: Report) -> Taken:
+        """Take faults and mode from the id; position, velocity, torque and temperature."""
         if len(frame.data) != _numbers.size:
             return report.refuse("wrong_length")
         faults, mode = frame.can_id >> 16 & 0x3F, frame.can_id >> 22 & 0x03
@@ -293,6 +313,19 @@ class TypedCodec(MitCodec):
         if self._fault_value:
             report.state, report.complaint = DriveState.FAULT, self._complaint(0)
         return Taken.STATE
+
+    @staticmethod
+    def _take_position(frame: Frame, report: Report) -> Taken:
+        """Take a parameter that was read; bits 16 to 23 of the id say whether it could be."""
+        if len(frame.data) != _parameter.size:
+            return report.refuse("wrong_length")
+        index, _, position = _parameter.unpack(frame.data)
+        if index != MECHANICAL_POSITION or frame.can_id >> 16 & 0xFF:
+            return Taken.NOTED
+        if not math.isfinite(position):
+            return report.refuse("not_a_number")
+        report.position = position
+        return Taken.PLACED
 
     def _complaint(self, faults: int) -> str:
         words = [text for bit, text in TYPED_FAULTS.items() if faults & bit]

@@ -89,6 +89,10 @@ class MoteusCodec:
         """Return position mode with a torque alone."""
         return self._command(math.nan, 0.0, torque, 0.0, 0.0)
 
+    def question(self) -> Frame:
+        """Return the query alone, which is answered as a command is."""
+        return self._frame(QUERY)
+
     def take(self, frame: Frame, report: Report) -> Taken:
         """Take an answer of our servo."""
         if frame.can_id & 0x7FFF in {self._id, ANSWER_WANTED | self._id}:

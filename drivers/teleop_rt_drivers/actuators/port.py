@@ -131,6 +131,8 @@ class ActuatorPort:
         if taken is Taken.MEASURED:
             self._watch(now_ns)
             self._deliver(now_ns)
+        elif taken is Taken.PLACED:
+            self._place()
         elif taken is Taken.STATE:
             self._state_ns = now_ns
         elif taken is Taken.REFUSED:
@@ -151,10 +153,20 @@ class ActuatorPort:
             self.report.state = DriveState.OFF
 
     def _deliver(self, now_ns: int) -> None:
+        """Hand on what was measured."""
+        if self._codec.asks:
+            now_ns = self._state_ns = self._measured_ns(self._asked_ns)
+        self._hand_on(now_ns)
+
+    def _measured_ns(self, asked_ns: int) -> int:
+        """Return when an answer was measured: when it was asked, or half way to its arrival."""
+        return asked_ns + max(0, self.wire.arrived_ns - asked_ns) // 2
+
+    def _place(self) -> None:
+        """Take a position alone; this port asks for none."""
+
+    def _hand_on(self, now_ns: int) -> None:
         """Hand the report on, unless nobody knows what the drive does: its state is too old."""
-        if self._codec.asks:  # it was measured when it was asked, or half way to its arrival
-            way_ns = max(0, self.wire.arrived_ns - self._asked_ns)
-            now_ns = self._state_ns = self._asked_ns + way_ns // 2
         if self._state_ns < 0 or now_ns - self._state_ns > self._state_timeout_ns:
             self._counters["stale_state"] += 1
             return

@@ -30,6 +30,7 @@ EVENTS = (
     "clock_outliers",
     "send_failed",
     "line_busy",
+    "answered_late",
     "cycles_without_sample",
 )
 _of_all_reasons = itemgetter(*REASONS)

@@ -134,7 +134,9 @@ class SimulatedDamiao(Motor):
         self.let_go()
 
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
-        """Obey a command, and answer it; under 7FFh registers are read."""
+        """Obey a command, and answer it; under 7FFh registers and the status are asked for."""
+        if can_id == 0x7FF and data[:3] == struct.pack("<HB", self.motor_id, 0xCC):
+            self._answer()
         if can_id == 0x7FF and data[:3] == struct.pack("<HB", self.motor_id, 0x33):
             self._say(data[3])
         if can_id != self.motor_id or len(data) != 8:
@@ -219,8 +221,17 @@ class SimulatedTyped(Motor):
             self.fault = 0 if data[:1] == b"\x01" else self.fault
         elif kind == 18:
             self._write(int.from_bytes(data[:2], "little"), data[4:])
+        elif kind == 17:
+            self._read(int.from_bytes(data[:2], "little"))
         if kind in (1, 3, 4, 18):
             self._answer()
+
+    def _read(self, index: int) -> None:
+        """Answer a parameter; one that this motor does not have with an error."""
+        turned = self.plant.reported_position / RADIUS
+        held = {0x7005: struct.pack("<Bxxx", self.run_mode), 0x7019: struct.pack("<f", turned)}
+        can_id = 17 << 24 | (index not in held) << 16 | self.motor_id << 8 | self.host_id
+        self.send(EXTENDED | can_id, struct.pack("<HH", index, 0) + held.get(index, bytes(4)))
 
     def _write(self, index: int, value: bytes) -> None:
         if index == 0x7005:
