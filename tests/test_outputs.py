@@ -19,6 +19,7 @@ INTO_A_FOLDER = [
     ["study", "noise", "--out"],
     ["study", "time-varying", "--out"],
     ["study", "excitation", "--out"],
+    ["study", "approach", "--out"],
     ["study", "delay", "--out"],
     [*ONE, "--out"],
     ["diagnose", "press.csv", "other.csv", "--out"],

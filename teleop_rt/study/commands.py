@@ -13,6 +13,7 @@ for command in (
     sweep_commands.noise,
     sweep_commands.time_varying,
     sweep_commands.excitation,
+    sweep_commands.approach,
     delay,
 ):
     app.command()(command)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,7 +39,22 @@ CubeSeconds = Annotated[
     float,
     typer.Option(min=0.0, help="length of the cube's trial, in seconds; 0 leaves the cube out"),
 ]
+ApproachTrips = Annotated[str, typer.Option("--round-trip-ms", help="round trips, comma-separated")]
+ApproachSpeeds = Annotated[
+    str, typer.Option("--hand-mm-per-s", help="speeds of the hand, comma-separated")
+]
+HandleTrial = Annotated[
+    Path,
+    typer.Option(
+        "--trial",
+        metavar="TRIAL",
+        parser=trial_file,
+        show_default="handle, which ships",
+        help="the trial of a simulated handle",
+    ),
+]
 _CUBE = example("trials", "silicone_cube")
+_HANDLE = example("trials", "handle")
 LONGEST_CONTACT = "operator.lift_off_every_s=86400.0"
 """The report's profile never lifts off."""
 
@@ -130,12 +145,37 @@ def excitation(
     _sweep("excitation", study.evaluate, cases, out, workers_of(jobs, scheduler), as_json=as_json)
 
 
+def approach(
+    context: typer.Context,
+    out: Out,
+    round_trips: ApproachTrips = "150,500,1000,2000",
+    speeds: ApproachSpeeds = "10,40",
+    trial: HandleTrial = _HANDLE,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+    as_json: AsJson = False,
+) -> None:
+    """Report what a hand feels before the first touch is known, with the leash and without."""
+    with bar("loading the study", counts=False):
+        from teleop_rt.study import approach as study  # noqa: PLC0415 - compiles for seconds
+
+    trips = numbers(round_trips, "--round-trip-ms", 0.0, 10_000.0)
+    cases = study.cases(trips, numbers(speeds, "--hand-mm-per-s", 1.0, 1000.0))
+    wiring: Wiring = context.obj
+    walking = study.Approach(wiring.load_trial, wiring.open_bench, trial)
+    options = {"trial": str(trial)}
+    _sweep(
+        "approach", walking.walk, cases, out, workers_of(jobs, scheduler), options, as_json=as_json
+    )
+
+
 def _sweep(
     study: str,
     evaluate: Evaluate,
     cases: Sequence[Case],
     out: Path,
     workers: Workers,
+    options: Mapping[str, Any] | None = None,
     *,
     as_json: bool,
 ) -> None:
@@ -143,7 +183,7 @@ def _sweep(
     from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - imports for seconds
     from teleop_rt.study.sweep_report import write_study  # noqa: PLC0415 - as above
 
-    folder = open_folder(out, f"study {study}")
+    folder = open_folder(out, f"study {study}", options)
     results = run_cases(study, folder, evaluate, cases, workers)
     with bar("writing the page", counts=False):
         summary = write_study(folder, study, results)

@@ -1,4 +1,4 @@
-"""One figure for each of the studies of noise, varying parameters and excitation."""
+"""One figure for each of the studies of noise, varying parameters, excitation and approach."""
 
 from __future__ import annotations
 
@@ -117,8 +117,28 @@ def _excitation(summary: Sequence[Row]) -> Figure:
     return figure
 
 
+def _approach(summary: Sequence[Row]) -> Figure:
+    """Draw the hand's lead over the round trip, a panel per speed of the hand."""
+    speeds = sorted({row["hand_mm_per_s"] for row in summary})
+    figure = figures.blank(len(speeds), 1, width=3.4, height=3.2)
+    axes = figure.subplots(1, len(speeds), squeeze=False, sharey=True)[0]
+    for panel, speed in zip(axes, speeds, strict=True):
+        for i, leash in enumerate((True, False)):
+            own = [r for r in summary if (r["hand_mm_per_s"], r["leash"]) == (speed, leash)]
+            trips, leads = _values(own, "round_trip_ms"), _values(own, "lead_mm")
+            name = "leash" if leash else "no brake"
+            panel.plot(trips, leads, color=style.COLOURS[i], marker=style.MARKERS[i], label=name)
+            never = [n for n, row in enumerate(own) if row["felt_s"] is None]
+            panel.plot([trips[n] for n in never], [leads[n] for n in never], "kx", markersize=9)
+        panel.set(title=f"hand at {speed:g} mm/s", xlabel="round trip [ms]", ylim=(0.0, None))
+    axes[0].set_ylabel("lead [mm]")
+    figures.legend(figure, axes[0])
+    return figure
+
+
 _FIGURES: Mapping[str, Callable[[Sequence[Row]], Figure]] = {
     "noise": _noise,
     "time-varying": _time_varying,
     "excitation": _excitation,
+    "approach": _approach,
 }

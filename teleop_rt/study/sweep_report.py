@@ -1,4 +1,4 @@
-"""Tables, figures and pages of the studies of noise, varying parameters and excitation."""
+"""Tables, figures and pages of the studies of noise, time, excitation and approach."""
 
 from __future__ import annotations
 
@@ -129,8 +129,25 @@ def _excitation(rows: Sequence[Row]) -> StudyPage:
     )
 
 
+def _approach(rows: Sequence[Row]) -> StudyPage:
+    parts = []
+    for leash, name in ((True, "with the leash"), (False, "without")):
+        own = [row for row in rows if row["leash"] is leash]
+        felt = [row for row in own if row["felt_s"] is not None]
+        lead = number(max((row["lead_mm"] for row in own), default=0.0))
+        parts.append(f"{name} {len(felt)} of {len(own)}, with a lead of up to {lead} mm")
+    return StudyPage(
+        "Before the first touch",
+        f"Approaches that end at a wall that is felt: {'; '.join(parts)}.",
+        list(rows),
+        "Longest way by which the hand leads the slave before the wall is felt; crossed where the "
+        "wall is never felt.",
+    )
+
+
 SUMMARIES: Mapping[str, Callable[[Sequence[Row]], StudyPage]] = {
     "noise": _noise,
     "time-varying": _time_varying,
     "excitation": _excitation,
+    "approach": _approach,
 }

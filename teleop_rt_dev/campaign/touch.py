@@ -1,24 +1,17 @@
 """The first touch by each mode: what is felt in the half second in which the wall is unknown.
 
     scripts/campaign touch [--round-trips MS ...] [--seconds S] [--set KEY=VALUE ...]
-    scripts/campaign touch --leash [--round-trips MS ...]
 
 The shipped handle approaches the silicone cube, by a rendered model and by the modes that need
 none. From the moment at which the tool touches, for half a second: the force of the motor beside
 the force of the tool at the same moment (NRMSE of the tool's largest force), how long after the
 touch the motor gives half a newton, the tool's largest force, and what the hand was given back. A
 mode without a model that felt better here would be worth switching to until the wall is known.
-
-With --leash a hand that waits for nobody approaches by the rendered model alone, with the leash of
-the trial and without: the longest way that it leads the slave by until it feels the wall, the
-largest brake before that, when it feels the wall, the tool's largest force before that, and what
-lies between hand and tool (the offset) once it does.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,15 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.master.walls import NO_WALL
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.paths import TRIALS
 
 TRIAL = TRIALS / "handle.yaml"
 MODES = ("model-mediated", "direct", "tdpa", "four-channel")
-ROUND_TRIPS_MS, LEASH_ROUND_TRIPS_MS = (0.0, 5.0, 10.0, 20.0, 50.0), (150.0, 500.0, 2000.0)
-LEASHES = {"leash": (), "none": ("master.leash_force_N=0",)}
-LONGEST_S = 3.0
+ROUND_TRIPS_MS = (0.0, 5.0, 10.0, 20.0, 50.0)
 WINDOW, TOUCH_N, FELT_N = 500, 0.4, 0.5
 """Ticks that are looked at, and the forces that count as a touch of the tool and as felt."""
 _MOTOR, _GIVEN = 4, 5
@@ -78,58 +68,15 @@ def measures(handle: Rows, tool_N: Rows) -> tuple[float, float, float, float]:
     return nrmse, late_ms, most, back_mJ
 
 
-def approach(
-    round_trip_ms: float, changes: Sequence[str]
-) -> tuple[float, float, float, float, float]:
-    """Return lead [mm], brake [N], time until the wall is felt [s], tool [N] and offset [mm].
-
-    Not-a-number where the wall is not felt within `LONGEST_S` and eight round trips.
-    """
-    lasts_s = LONGEST_S + 8e-3 * round_trip_ms
-    changes = [f"link.round_trip_ms={round_trip_ms}", f"duration_s={lasts_s}", *changes]
-    trial = load_trial_file(TRIAL, changes)
-    lead = brake = tool_N = 0.0
-    with tempfile.TemporaryDirectory() as name:
-        one = LockstepTrial(trial, TRIAL.parent, open_bench, Path(name))
-        one.slave.configure()
-        master, begins_ns = one.master.master, one.clock.now_ns()
-        while one.clock.now_ns() < begins_ns + lasts_s * 1e9:
-            one.step()
-            tool_N = max(tool_N, one.slave.sample.force)
-            if master.adoption.newest is not NO_WALL:
-                break
-            lead, brake = master.leash.longest, max(brake, master.force)
-        felt_s = 1e-9 * (one.clock.now_ns() - begins_ns)
-        offset = master.registration.offset if felt_s < lasts_s else math.nan
-        one.bench.axis.stop()
-        one.master.let_go()
-    felt_s = felt_s if felt_s < lasts_s else math.nan
-    return 1e3 * lead, brake, felt_s, tool_N, 1e3 * offset
-
-
-def print_leash(round_trips_ms: Sequence[float]) -> None:
-    """Print the table of approaches with the leash and without."""
-    print("| round trip [ms] | brake | lead [mm] | brake [N] | felt [s] | tool [N] | offset [mm] |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
-    for round_trip_ms in round_trips_ms:
-        for name, changes in LEASHES.items():
-            cells = " | ".join(f"{value:.3g}" for value in approach(round_trip_ms, changes))
-            print(f"| {round_trip_ms:g} | {name} | {cells} |", flush=True)
-
-
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="teleop-rt-dev campaign touch", description=__doc__)
-    parser.add_argument("--round-trips", type=float, nargs="+", default=None)
+    parser.add_argument("--round-trips", type=float, nargs="+", default=ROUND_TRIPS_MS)
     parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--set", nargs="+", default=[], help="changes of the trial")
-    parser.add_argument("--leash", action="store_true", help="the approach with leash and without")
     chosen = parser.parse_args(arguments)
-    if chosen.leash:
-        print_leash(chosen.round_trips or LEASH_ROUND_TRIPS_MS)
-        return 0
     print("| round trip [ms] | mode | NRMSE | felt after [ms] | tool [N] | given back [mJ] |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for round_trip_ms in chosen.round_trips or ROUND_TRIPS_MS:
+    for round_trip_ms in chosen.round_trips:
         for mode in MODES:
             found = measures(*run(mode, round_trip_ms, chosen.seconds, chosen.set))
             cells = " | ".join(f"{value:.3g}" for value in found)

@@ -41,6 +41,7 @@ STUDIES = (  # short ones: their pages look as those of long ones do
     "excitation --duration 1",
     "noise --seeds 1 --duration 2",
     "time-varying --seeds 1 --duration 4",
+    "approach --round-trip-ms 150,500 --hand-mm-per-s 40",
     "chapter4 --duration 4 --cube-s 4",
     "delay --seeds 1 --round-trip-ms 0,150 --loss 0",
 )
