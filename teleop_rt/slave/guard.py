@@ -169,6 +169,7 @@ class CatchUp:
 
     One way later than the slave began, the hand is where nobody has been: what the tool touches on
     its way there it must meet at the speed of a retreat, or of the hand, not at its own fastest.
+    The same holds when a contact that was waited for is acknowledged: the hand may have gone on.
     """
 
     def __init__(self, speed: float, period_s: float, record: TickRecord | None = None) -> None:

@@ -94,7 +94,7 @@ def followed(t: Tick) -> float:
     the master renders, or to know its depth, takes one.
     """
     if t.mode == coupling.MODEL:
-        if t.following == 0:
+        if t.following == 0 or t.waiting_for > 0:
             t.behind = 1
         target, deepest = caught_up(t, t.lead, t.lead_velocity, t.command), depth_cap(t)
         acknowledged, probing = t.acknowledged, t.provisional > 0 or math.isinf(deepest)

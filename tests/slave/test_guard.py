@@ -1,8 +1,13 @@
 import math
 
+import numpy as np
 import pytest
 
+from teleop_rt.slave import coupling
+from teleop_rt.slave.depth import NO_MODEL
 from teleop_rt.slave.guard import CatchUp, ContactGuard
+from teleop_rt.slave.record import TickRecord
+from teleop_rt.slave.step import followed
 
 
 def guard() -> ContactGuard:
@@ -173,3 +178,26 @@ def test_a_slave_that_begins_to_follow_catches_up_no_faster_than_hand_and_retrea
     assert max(speeds) == pytest.approx(0.15)
     assert command == target, "and then follows"
     assert catching.update(0.5, 0.05, command) == 0.5, "a hand that goes on is followed"
+
+
+def test_a_hand_that_went_on_while_its_contact_was_waited_for_is_caught_up_with_slowly():
+    """The tool was met by a body that moves; the hand is 9 mm ahead when it acknowledges that."""
+    record = TickRecord()
+    guarding = ContactGuard(90.0, 0.1, 0.3, 1e-3, record)
+    CatchUp(0.1, 1e-3, record)
+    tick = record.tick
+    tick.mode, tick.following, tick.model = coupling.MODEL, 1, NO_MODEL
+    tick.contact_id, tick.in_contact, tick.surface = 3, 1, 0.012
+    tick.acknowledged, tick.command, tick.position, tick.force = 2, 0.013, 0.013, 2.0
+    for lead in np.linspace(0.013, 0.022, 50):
+        tick.lead, tick.lead_velocity = lead, 0.03
+        tick.command = followed(tick)
+        assert tick.command == pytest.approx(0.013), "not acknowledged"
+    assert guarding.waiting_for == 3
+    tick.acknowledged = 3
+    speeds = []
+    for _ in range(100):
+        before, tick.command = tick.command, followed(tick)
+        speeds.append((tick.command - before) / 1e-3)
+    assert max(speeds) == pytest.approx(0.13), "a retreat's speed, and the hand's"
+    assert tick.command == pytest.approx(0.022)
