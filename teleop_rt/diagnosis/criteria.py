@@ -33,12 +33,8 @@ PARTIAL_SHARE = 0.7
 HINT_SHARE = 0.5
 """Share that an effect must explain for its family to be reported as a hint."""
 SECOND_SHARE = 0.01
-"""Share that a second effect must explain: another mathematical form of the first effect differs
-from the declared one by about a tenth of its amplitude, which is one percent of its energy."""
-FORM_DIRECTIONS = 20.0
-"""Independent values of the error of a law's form: half of `UNKNOWN_DIRECTIONS`, because it depends
-on the state of that law and not on time. Chosen on two records of another generator: 20 and 30
-reject their second names, 40 does not."""
+"""Share that the form of a law may miss: another mathematical form of an effect differs from the
+declared one by about a tenth of its amplitude, which is one percent of its energy."""
 SAME_SHARE = 0.005
 """Share within which two laws fit equally well: half of `SECOND_SHARE`."""
 

@@ -34,7 +34,7 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import fast_noise, largest_noise, noise_floor
+from teleop_rt.diagnosis.noise.noise_floor import known_noise, largest_noise, noise_floor
 from teleop_rt.diagnosis.noise.structure import pressed_all_along
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
@@ -86,7 +86,7 @@ def diagnose(
     if not moves_in_steps(
         recording.position, recording.force, recording.dt
     ):  # each may leave a lone sample
-        noise = force_noise(recording.force)
+        noise = force_noise(recording.force, recording.force_step)
         lone = isolated(recording.force, problem.motion.x, noise, recording.dt)
         outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
@@ -163,12 +163,10 @@ def _confirmed(
             weighed = replace(weighed, judgement=judgement)
             plain = _unweighted(weighed, errors)
         where = held_out.counted(weighed.problem, weighed.best)
-        fast = fast_noise(weighed.problem, weighed.input_errors, where)
-        left = _root_mean_square(plain, plain.best)
         most = largest_noise(weighed.problem, weighed.best, weighed.input_errors, where)
-        if judgement.verdict != "partial" and not needs_unknown_remainder(
-            weighed, plain, left, fast, most
-        ):
+        known = known_noise(weighed.problem, weighed.best, weighed.input_errors, where)
+        left = _root_mean_square(plain, plain.best)
+        if judgement.verdict != "partial" and not needs_unknown_remainder(plain, left, known, most):
             return (plain if _predicts_worse(weighed, plain) else weighed), plain
     found = judge_with_unknown_remainder(plain, recording, effects, errors)
     return found, found

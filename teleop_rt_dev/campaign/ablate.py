@@ -96,7 +96,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "encoder spared": ("inference.ranking:Ranking._smoothing_gain", always(0.0)),
     "encoder passed on": ("inference.ranking:Ranking._encoder_energy_of_effects", always(0.0)),
     "encoder owed": ("inference.verdict:_encoder_advantage", always(0.0)),
-    "shows apart": ("inference.second:shows_tone_or_air_force", NEVER),
+    "shows apart": ("inference.tones:shows_tone_or_air_force", NEVER),
     "outdone by a pair": ("inference.verdict:_surpassed_by_pair", NEVER),
     "air and contact alike": ("noise.structure:air_contact_mismatch", always(0.0)),
     "laws without their property": ("inference.unsupported:lacks_named_property", NO_NAME),

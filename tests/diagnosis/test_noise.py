@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fit_base
-from teleop_rt.diagnosis.inference.second import shows_tone_or_air_force
+from teleop_rt.diagnosis.inference.tones import shows_tone_or_air_force
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs
+from teleop_rt.diagnosis.inference.needed import needed_pairs
+from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel

@@ -7,7 +7,8 @@ import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs
+from teleop_rt.diagnosis.inference.needed import needed_pairs
+from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of

@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.second import both_needed
-from teleop_rt.diagnosis.inference.verdict import Ranked
-from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.model import CandidateModel
-from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
 from teleop_rt_dev.diagnosis.motions import rich
@@ -78,32 +68,56 @@ def test_what_the_form_of_an_adhesion_misses_at_each_touch_is_no_second_layer() 
     assert best(*neck(5)) == {"adhesion"}
 
 
-def fitted(chi2: float, left: float, *names: str) -> Ranked:
-    """Return a set with its chi-square and the energy of the structure that it leaves."""
-    effects = tuple(next(e for e in LIBRARY if e.name == name) for name in names)
-    model = CandidateModel(base_of("kelvin-voigt"), effects)
-    zeta = np.zeros(len(model.coordinates))
-    fit = Fit(model, zeta, np.zeros(0), np.array([np.sqrt(chi2)]), np.zeros((0, 1)), 6500.0)
-    return Ranked(fit, 14_500.0 - chi2, 14_500.0 - chi2, LackOfFit(left, 70))
+def drifting(seed: int) -> tuple[Array, Array, Array]:
+    """Return time, penetration, and the force of a body whose glue pulls, beside a large drift."""
+    rng = np.random.default_rng(seed)
+    x = rich(rng, 5e-3)[::EVERY]
+    t = np.arange(x.size) * 1e-3
+    v, whole = np.gradient(x, t), t / t[-1]
+    force = np.where(x > 0.0, 2500.0 * x + 12.0 * v, 0.0) + whole - 0.3 * whole**2
+    pulls = (x > -4e-4) & (v < 0.0)
+    reach = np.exp(np.minimum(x, 0.0) / 2e-4 - np.maximum(x, 0.0) / 1.5e-3)
+    force -= 0.4 * np.where(pulls, reach, 0.0)
+    return t, x, force + 0.02 * rng.standard_normal(t.size)
 
 
-@pytest.mark.parametrize(
-    ("left", "encoder", "needed"),
-    [
-        (20.0, 0.0, True),
-        (590.0, 0.0, False),  # half of what the first leaves: another form of it does that as well
-        (290.0, 0.0, False),
-        (290.0, 280.0, True),  # what is left comes from the encoder
-    ],
-)
-def test_a_pair_pays_for_the_structure_that_it_leaves(
-    left: float, encoder: float, needed: bool
-) -> None:
-    first, second = fitted(7780.0, 1190.0, "hysteresis"), fitted(9000.0, 2500.0, "second_layer")
-    pair = fitted(6600.0, left, "hysteresis", "second_layer")
-    singles = {r.fit.names[0]: r for r in (first, second)}
-    nothing = cast(Problem, None)  # asked for tones and free air alone
-    assert both_needed(nothing, pair, singles, 9700.0, encoder) is needed
+def test_an_adhesion_of_two_percent_beside_a_drift_is_named() -> None:
+    assert best(*drifting(1)) == {"force_drift", "adhesion"}
+
+
+def in_red_noise(seed: int) -> tuple[Array, Array, Array]:
+    """Return time, penetration, and force of a stiffening body under a mass, in slow noise."""
+    rng = np.random.default_rng(seed)
+    x = rich(rng, 5e-3)[::EVERY]
+    t = np.arange(x.size) * 1e-3
+    v = np.gradient(x, t)
+    depth = np.maximum(x, 0.0)
+    force = np.where(x > 0.0, 2500.0 * x + 12.0 * v + 9e6 * depth**3, 0.0) + 0.3 * np.gradient(v, t)
+    slow, kept = np.zeros(t.size), np.exp(-2.0 * np.pi * 15.0 * 1e-3)
+    white = rng.standard_normal(t.size)
+    for i in range(1, t.size):
+        slow[i] = kept * slow[i - 1] + white[i]
+    return t, x, force + 0.15 * slow / np.std(slow) + 0.02 * rng.standard_normal(t.size)
+
+
+def test_slow_noise_that_free_air_shows_hides_neither_of_two_effects() -> None:
+    """The noise is five times that of the fastest differences."""
+    assert best(*in_red_noise(1)) == {"nonlinear_stiffening", "tool_inertia"}
+
+
+def uneven_friction(seed: int) -> tuple[Array, Array, Array]:
+    """Return time, penetration, and force beside a friction that varies along the stroke."""
+    rng = np.random.default_rng(seed)
+    x = rich(rng, 5e-3)[::EVERY]
+    t = np.arange(x.size) * 1e-3
+    v = np.gradient(x, t)
+    friction = 0.8 * (1.0 + 0.3 * np.sin(900.0 * x)) * np.tanh(v / 2e-3)
+    force = np.where(x > 0.0, 2500.0 * x + 12.0 * v, 0.0) + friction
+    return t, x, force + 0.02 * rng.standard_normal(t.size)
+
+
+def test_a_friction_that_varies_along_the_stroke_is_one_effect() -> None:
+    assert best(*uneven_friction(1)) == {"coulomb_friction"}
 
 
 def test_a_second_effect_is_searched_with_each_of_its_laws() -> None:

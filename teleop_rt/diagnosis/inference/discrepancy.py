@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
@@ -13,9 +11,8 @@ from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
-from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import fast_noise, in_free_air
+from teleop_rt.diagnosis.noise.noise_floor import known_noise
 from teleop_rt.diagnosis.noise.structure import LackOfFit, pressed_all_along
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
@@ -24,18 +21,15 @@ _LARGEST_LEFT = 0.2  # of the base's energy above noise; another form of a law l
 _FURTHER_NOISE = 0.25  # times the power of noise: the estimate of a noise errs by less
 
 
-def needs_unknown_remainder(
-    weighed: Diagnosis, plain: Diagnosis, left: float, fast: float, noise: float
-) -> bool:
+def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: float) -> bool:
     """Return whether a named set must be judged again with an unknown remainder.
 
     It must if it leaves more than `_LARGEST_LEFT` of the base's energy on inner blocks and more
-    than `noise`, or if it has two or more effects and its residual is larger than `fast` noise
-    (`left`, `fast` and `noise` are deviations of the force): the second effect may then only
-    correct the form of the first.
+    than `noise`, or if it has two or more effects and its residual is larger than the `known`
+    noise, that of the fastest differences or of free air (`left`, `known` and `noise` are
+    deviations of the force): a noise of free colour may have absorbed what the laws miss.
     """
-    best = weighed.judgement.sets[0].fit
-    if len(best.names) > 1 and left > EXCESS_NOISE_RATIO * fast:
+    if len(plain.best.names) > 1 and left > EXCESS_NOISE_RATIO * known:
         return True
     before, after = (
         blind_energy(plain.problem, fit) - noise**2 for fit in (plain.base, plain.best)
@@ -60,7 +54,8 @@ def judge_with_unknown_remainder(
     pressed = pressed_all_along(problem)
     library = applicable(effects, recording, base.model.base, pressed=pressed)
     tried = search_sets(problem, base, library)
-    found = explain(tried, _noise(problem, tried[0].fit, errors))
+    rows = input_floor(problem, tried[0].fit, errors)
+    found = explain(tried, known_noise(problem, tried[0].fit, rows, problem.whitener.mask) ** 2)
     best = predictor(tried, {name for one in found.sets for name in one.names})
     scale = problem.whitener.effective / best.energy
     judgement = Judgement(
@@ -72,13 +67,6 @@ def judge_with_unknown_remainder(
     )
     candidates = tuple(_ranked(one, scale) for one in tried if one.names)
     return replace(plain, judgement=judgement, candidates=candidates, predictor=best.fit)
-
-
-def _noise(problem: Problem, closest: Fit, errors: list[RecordedMotion]) -> float:
-    """Return the mean square [force^2] that is noise by the fastest differences or by free air."""
-    rows = input_floor(problem, closest, errors)
-    fast, air = fast_noise(problem, rows, problem.whitener.mask), in_free_air(problem, closest)
-    return max(fast**2, air if np.isfinite(air) else 0.0)
 
 
 def base_energy(tried: list[Scored]) -> float:

@@ -26,8 +26,8 @@ from teleop_rt.diagnosis.criteria import (
     WITHIN_REACH_BIC,
 )
 from teleop_rt.diagnosis.inference.pairs import same_physics
-from teleop_rt.diagnosis.inference.second import adds_tone
 from teleop_rt.diagnosis.inference.sets import Scored
+from teleop_rt.diagnosis.inference.tones import adds_tone
 from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_names
 
 _NEARLY_AS_GOOD = 1.0 - LEAST_SHARE
@@ -189,8 +189,8 @@ def _named_part(
     explains that much of the error of a law's form.
     The effect that explains most comes first: a damping tried before a friction would absorb its
     share. Of two equal effects, the one within its bounds comes first. What a tone explains is no
-    part of the excess of which later effects take their shares (see `second.with_form`). Another
-    law of the same physics only corrects the first one and is not named. If the data do
+    part of the excess of which later effects take their shares: it grows with the recording.
+    Another law of the same physics only corrects the first one and is not named. If the data do
     not support the name of an effect, the set with its special case is returned, or the set without
     it, or else the empty set.
     """

@@ -12,10 +12,17 @@ from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
 from teleop_rt.contact.effects.tool import RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
+from teleop_rt.diagnosis.inference.needed import needed_pairs
 from teleop_rt.diagnosis.inference.pairs import alike
-from teleop_rt.diagnosis.inference.ranking import Ranking, needed_pairs, weighed_errors
+from teleop_rt.diagnosis.inference.ranking import Ranking, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
-from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, joined, judge
+from teleop_rt.diagnosis.inference.verdict import (
+    Judgement,
+    Ranked,
+    joined,
+    judge,
+    leaves_structure,
+)
 from teleop_rt.diagnosis.inference.weighing import weigh_singles
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
@@ -104,7 +111,7 @@ def in_rounds(
         whole = without(posed(fresh=True)[0], lost)
         if beginning.misfits(whole, weighed.problem, weighed.base):
             from_start, again = _judged(whole, model, recording, effects)
-            if from_start.judgement.verdict in {"named", "class"}:
+            if _complete(from_start.judgement):
                 return replace(from_start, samples="from the start"), again, lost
             weighed = replace(weighed, samples="without an odd beginning")
     return weighed, errors, lost
@@ -145,6 +152,15 @@ def _judged(
         judgement = joined(judgement, rank(other))
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, rank.rows, {}), errors
+
+
+def _complete(judgement: Judgement) -> bool:
+    """Return whether the best set leaves noise alone.
+
+    One beginning is a single event, of which any two effects explain most.
+    """
+    named = judgement.verdict in {"named", "class"}
+    return named and not leaves_structure(judgement.sets[0].left, judgement.floor)
 
 
 def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:

@@ -1,38 +1,41 @@
-"""Evidence for a second effect of any size that no form of the first law can produce."""
+"""Evidence for a second effect, of any size, beside the errors of each law's form.
+
+No law is exact: a friction may depend on the depth, a relaxation may have more arms. What the form
+of a law misses is its own force times a smooth function of position, speed or time, or a delayed
+part of it. It has a free size, up to the largest of `_FORM_SIZES`, and its coefficients are
+integrated out (a discrepancy of Kennedy and O'Hagan 2001, in the directions of the law). A second
+effect is needed if it is likelier than all these.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from math import log1p
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
+    DOUBT_WEIGHT,
     ENCODER_ENERGY_RATIO,
-    FORM_DIRECTIONS,
     SECOND_SHARE,
-    SIGMAS,
 )
-from teleop_rt.diagnosis.inference.pairs import fit_without
-from teleop_rt.diagnosis.inference.swings import swings
+from teleop_rt.diagnosis.inference.pairs import fit_without, without
+from teleop_rt.diagnosis.inference.tones import adds_tone
 from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
-from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, power_in_time
-from teleop_rt.diagnosis.samples.filters import running_rank
-from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.models.simulate import first_order
+from teleop_rt.diagnosis.noise.structure import tangent_space
+from teleop_rt.diagnosis.noise.whiten import Matrix
 
-_TONE_BINS = 3  # bins on either side into which a tone leaks
-_TONE_DIRECTIONS = 2 * (2 * _TONE_BINS + 1)  # sine and cosine of each of these bins
-_NEIGHBOUR_BINS = 24  # bins on either side that give the typical power beside a tone
-_TONE_RATIO = 10.0  # times the typical power beside it; a broader peak is no tone
-_RINGING_S = 0.05  # s after a contact in which the band limit makes its residual ring
-_TONE_CHI2 = 30.0
-"""Chi-square above the largest that noise alone gives in any bin."""
-_AIR_CHI2 = 100.0  # chi-square in free air above that of the noise
-_AIR_SHARE = 0.5  # of a pair's gain that must lie in free air to count there
+_FORM_SIZES = (0.03, 0.1, 0.3)
+"""Force that the form of a law misses, as shares of the law's own, the likeliest of which counts:
+published laws of one physics (Dahl, Bouc and Wen, Maxwell slip) differ by a tenth."""
+_SHORTEST_MEMORY = 5.0  # samples; a shorter delay shows nothing beside the noise
+_LONGEST_MEMORY = 1.0 / 3.0  # of the recording; a longer one is a drift
+_MEMORIES = 5  # time constants between the two, a few of them in each decade
+_NEAR = 0.1  # of the largest speed or depth, within which a law starts or turns over
 
 
 def both_needed(
@@ -40,9 +43,9 @@ def both_needed(
 ) -> bool:
     """Return whether both effects of a pair are needed, each given the other.
 
-    The second must explain more than another form of the first law could: more than a share of the
-    whole excess and than an unknown function would (see `_beats_unknown_function`), or a tone or
-    free-air force that no form of the first law produces.
+    The pair must be likelier than its best member, and than the best single effect of all, beside
+    the errors of each law's form; and gain more than encoder errors (`floor`) along it can.
+    `excess` is the energy of the base's residual above the noise, but for a tone's.
     """
     alone = [singles[name] for name in pair.fit.names if name in singles]
     if len(alone) < len(pair.fit.names):
@@ -54,152 +57,112 @@ def both_needed(
     best = min(alone, key=lambda r: r.fit.bic)
     if not all(r.fit.bic - pair.fit.bic > CERTAIN_BIC for r in alone):
         return False
-    gain = best.fit.chi2 - pair.fit.chi2
-    place = _bin_of_tone(problem, pair.fit)
-    if place is not None and best.tone_or_air_force:
-        there = _tone_power(_spectrum(problem.target - best.fit.residual))[place]
-        return bool(gain > SECOND_SHARE * there)
     # Only encoder errors along the pair may stand in for it: those at each touch are no bias.
     by_encoder = ENCODER_ENERGY_RATIO * min(floor, pair.encoder_energy_along)
-    if gain > max(SECOND_SHARE * with_form(excess, best), by_encoder):
-        # A single effect outside the pair that leaves less is the same claim with one name less.
-        rival = min(singles.values(), key=lambda r: r.fit.bic)
-        if all(_beats_unknown_function(pair, single, floor) for single in (best, rival)):
-            return True
-    if not (best.tone_or_air_force and _acts_in_air(pair.fit, best.fit)):
+    if best.fit.chi2 - pair.fit.chi2 <= by_encoder:
         return False
-    in_air = _in_free_air(problem, best.fit)[0] - _in_free_air(problem, pair.fit)[0]
-    return in_air > max(_AIR_CHI2, _AIR_SHARE * gain, by_encoder)
+    # A single effect outside the pair that leaves less is the same claim with one name less.
+    rival = min(singles.values(), key=lambda r: r.fit.bic)
+    left = _Remainder.of(problem, pair, best, excess, floor)
+    joint = left.criterion(problem, pair.fit)
+    rivals = (best.fit,) if rival.fit is best.fit else (best.fit, rival.fit)
+    return all(left.criterion(problem, fit) - joint > CERTAIN_BIC for fit in rivals)
 
 
-def with_form(excess: float, alone: Ranked) -> float:
-    """Return the part of the excess of which another form of a single effect may take a share.
+@dataclass(frozen=True)
+class _Remainder:
+    """The remainder of a pair: noise, and an unknown function that has no form of either law.
 
-    That is all of it, but for a tone: a line has no other form, and its energy, which grows with
-    the recording, would hide every other effect.
+    The unknown function makes every gain less certain (quasi-likelihood), but for that of a tone.
+    `inside` and `outside` are variances per direction, within the `directions` of the flexible
+    description and beyond it: 1 is that of the noise model.
     """
-    tone = len(alone.fit.names) == 1 and adds_tone(alone.fit.model.effects[0])
-    return max(excess - alone.gain, 0.0) if tone else excess
+
+    directions: Matrix
+    inside: float
+    outside: float
+
+    @classmethod
+    def of(
+        cls, problem: Problem, pair: Ranked, alone: Ranked, excess: float, floor: float
+    ) -> _Remainder:
+        """Return it with the level of the noise that its `doubt` allows.
+
+        The encoder's errors (`floor`) are no unknown function. Within the description it is no
+        smaller than a share of the `excess`, because no law is known better, and acts where the
+        effect `alone` does.
+        """
+        left = pair.left
+        noise = left.noise_per_direction * (1.0 + DOUBT_WEIGHT * left.doubt)
+        per_direction = noise / left.noise_per_direction / max(left.rank, 1)
+        unknown = max(left.excess - floor, 0.0) * per_direction
+        inside = noise + max(unknown, SECOND_SHARE * excess * per_direction)
+        added = [e for e in pair.fit.model.effects if e.name not in alone.fit.names]
+        outside = noise if any(map(adds_tone, added)) else noise + unknown
+        in_contact = all(effect.only_in_contact for effect in alone.fit.model.effects)
+        flexible = problem.flexible_in_contact if in_contact else problem.flexible
+        return cls(flexible.directions, inside, outside)
+
+    def _weighed(self, rows: Matrix) -> Matrix:
+        within: Matrix = (rows @ self.directions) @ self.directions.T
+        found: Matrix = within / np.sqrt(self.inside) + (rows - within) / np.sqrt(self.outside)
+        return found
+
+    def criterion(self, problem: Problem, fit: Fit) -> float:
+        """Return -2 log p of a fit with the form errors of its laws integrated out [chi-square].
+
+        It contains Schwarz's penalty of the fit's parameters.
+        """
+        own, forms = tangent_space(problem, fit), _form_errors(problem, fit)
+        forms -= (forms @ own) @ own.T
+        *rows, residual = self._weighed(np.vstack([forms, fit.residual]))
+        gram, along = np.inner(rows, rows), np.inner(rows, residual)
+        gains = [0.0]
+        for size in _FORM_SIZES:
+            spread = np.eye(len(gram)) + size**2 * gram
+            taken = size**2 * float(along @ np.linalg.solve(spread, along))
+            gains.append(taken - float(np.linalg.slogdet(spread)[1]))
+        return float(residual @ residual) - max(gains) + (fit.bic - fit.chi2)
 
 
-def _beats_unknown_function(pair: Ranked, single: Ranked, floor: float) -> bool:
-    """Return whether a pair is likelier than a single effect beside an unknown function.
-
-    No law is exact. What its form misses is one function of the motion with a free size, of which
-    a recording shows nu = `FORM_DIRECTIONS` values, so -2 log p of a remainder of energy E beyond
-    the noise is nu log(1 + E / nu), as in `explanation`. A pair pays for the remainder that it
-    leaves beyond the encoder's errors (`floor`), and for its parameters. The single effect pays for
-    that remainder and for what the pair explains.
-    """
-    left = max(pair.left.excess - floor, 0.0)
-    energies = (left + single.fit.chi2 - pair.fit.chi2, left)
-    whole, rest = (
-        FORM_DIRECTIONS * log1p(energy / (FORM_DIRECTIONS * pair.left.noise_per_direction))
-        for energy in energies
-    )
-    parameters = (pair.fit.bic - pair.fit.chi2) - (single.fit.bic - single.fit.chi2)
-    return whole - rest - parameters > CERTAIN_BIC
+def _form_errors(problem: Problem, fit: Fit) -> Matrix:
+    """Return whitened rows of the form errors of each effect, which share its force's energy."""
+    motion, found = problem.motion, []
+    whole = force_of(fit.model, motion, fit.zeta, fit.theta)
+    owners = [linear.owner for linear in fit.model.linear]
+    for member in range(len(fit.model.effects)):
+        model, zeta = without(fit, member)
+        theta = fit.theta[[i for i, owner in enumerate(owners) if owner != member]]
+        force = whole - force_of(model, motion, zeta, theta)
+        rows = problem.whitener(np.array([force, *_other_forms(problem, force)]))
+        sizes = np.linalg.norm(rows, axis=1)
+        live = np.flatnonzero(sizes[1:] > 0.0) + 1
+        share = sizes[0] / np.sqrt(max(live.size, 1))
+        found.append(rows[live] * (share / sizes[live])[:, None])
+    return np.concatenate(found)
 
 
-def _acts_in_air(pair: Fit, alone: Fit) -> bool:
-    """Return whether a pair adds a force in free air to a fit."""
-    added = [effect for effect in pair.model.effects if effect.name not in alone.names]
-    return all(e.acts == "adds_force" and not e.only_in_contact for e in added)
-
-
-def shows_tone_or_air_force(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> bool:
-    """Return whether the residual contains a tone, or more than noise in free air.
-
-    A tone is a narrow line, larger than the error of another form of the law at these frequencies
-    and larger than the force that the encoder's `errors` cause. Lines of a fit with an oscillating
-    effect do not count, because they may be its harmonics. Free air counts if all effects act in
-    contact only.
-    """
-    if any(swings(effect) for effect in fit.model.effects):
-        return False
-    left = _tone_power(_spectrum(fit.residual))
-    chance = 2.0 * (2 * _TONE_BINS + 1 + np.log(left.size) + _TONE_CHI2)
-    force = _tone_power(_spectrum(problem.target - fit.residual))
-    lines = (left > chance) & (left > SECOND_SHARE * force)
-    if np.any(lines):
-        lines &= left > _TONE_RATIO * _neighbour_power(left)
-        rows = errors_without_jumps(problem, fit, errors)
-        by_encoder = np.max([_tone_power(_spectrum(row)) for row in rows], axis=0)
-        if np.any(lines & (left > ENCODER_ENERGY_RATIO * by_encoder)):
-            return True
-    materials = all(effect.only_in_contact for effect in fit.model.effects)
-    if not materials:
-        return False
-    beyond, chance = _in_free_air(problem, fit)
-    return beyond > _AIR_CHI2 + SIGMAS * chance
-
-
-def _in_free_air(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Return the chi-square of a residual in free air above the noise, and its deviation.
-
-    Both are 0 without enough free air. Samples near a contact are left out, because the band limit
-    makes its residual ring. Coloured noise has fewer independent values per second than white.
-    """
-    beside = max(1, round(_RINGING_S / problem.motion.dt))
-    inside = air_and_contact(problem)[0].astype(np.float64)
-    air = running_rank(np.pad(inside, beside), 2 * beside + 1, 0.0)[beside:-beside] > 0.0
-    if not fit.model.base.touches or np.count_nonzero(air) < FREE_AIR * air.size:
-        return 0.0, 0.0
-    density = problem.whitener.density
-    noise = 2.0 * float(np.sum(density)) / problem.force.size**2
-    independent = 2.0 * float(np.sum(density) ** 2 / np.sum(density**2)) * float(np.mean(air))
-    left = float(np.mean(power_in_time(problem, fit.residual)[air]))
-    return independent * (left / noise - 1.0), float(np.sqrt(2.0 * independent))
-
-
-def _bin_of_tone(problem: Problem, fit: Fit) -> int | None:
-    """Return the bin of a fit's tone in time; None unless exactly one effect is a tone."""
-    tones = [
-        float(value)
-        for value, c in zip(fit.zeta, fit.model.coordinates, strict=True)
-        if c.owner >= 0 and c.shape.unit == "Hz" and adds_tone(fit.model.effects[c.owner])
+def _other_forms(problem: Problem, force: Vector) -> list[Vector]:
+    """Return a law's force times smooth functions of position, speed and time, and delayed."""
+    motion, used = problem.motion, problem.whitener.mask > 0.0
+    t = np.linspace(-1.0, 1.0, force.size)
+    low, high = float(np.min(motion.x[used])), float(np.max(motion.x[used]))
+    fastest = float(np.max(np.abs(motion.v[used])))
+    x = np.clip((2.0 * motion.x - low - high) / max(high - low, 1e-300), -1.0, 1.0)
+    v = np.clip(motion.v / max(fastest, 1e-300), -1.0, 1.0)
+    depth = np.abs(motion.x) / motion.scales["travel"]
+    factors = [
+        np.ones_like(x),
+        x,
+        x**2,
+        v,
+        np.abs(v),
+        t,
+        t**2,
+        np.exp(-np.abs(v) / _NEAR),
+        np.exp(-depth / _NEAR),
     ]
-    if len(tones) != 1:
-        return None
-    place = round(tones[0] * problem.motion.dt * problem.force.size)
-    return min(place, problem.whitener.bins - 1)
-
-
-def noise_beside_tone(problem: Problem, fit: Fit) -> float | None:
-    """Return the energy of noise in each direction beside a fit's tone; None without a tone.
-
-    A resonance of the rig raises the noise in a band that no colour of the noise model follows, and
-    its largest bins look like tones against the model.
-    """
-    place = _bin_of_tone(problem, fit)
-    if place is None:
-        return None
-    return float(_neighbour_power(_tone_power(_spectrum(fit.residual)))[place]) / _TONE_DIRECTIONS
-
-
-def adds_tone(effect: Effect) -> bool:
-    """Return whether an effect is a force of one frequency in time."""
-    in_time = any(shape.unit == "Hz" for shape in effect.shapes)
-    return in_time and swings(effect) and effect.acts == "adds_force"
-
-
-def _spectrum(whitened: Vector) -> Vector:
-    """Return the power of a whitened row in each bin."""
-    bins = whitened.size // 2
-    return np.asarray(whitened[:bins] ** 2 + whitened[bins:] ** 2, dtype=np.float64)
-
-
-def _tone_power(power: Vector) -> Vector:
-    """Return the power summed over each bin and its neighbours, into which a tone leaks."""
-    return np.convolve(power, np.ones(2 * _TONE_BINS + 1), mode="same")
-
-
-def _neighbour_power(about: Vector) -> Vector:
-    """Return the median power beside each bin, of the side where it is larger."""
-    padded = np.pad(about, _NEIGHBOUR_BINS, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOUR_BINS + 1)
-    below, above = (
-        windows[:, : _NEIGHBOUR_BINS - 2 * _TONE_BINS],
-        windows[:, _NEIGHBOUR_BINS + 2 * _TONE_BINS + 1 :],
-    )
-    return np.maximum(np.median(below, axis=1), np.median(above, axis=1))
+    longest = max(_LONGEST_MEMORY * force.size, _SHORTEST_MEMORY)
+    kept = np.exp(-1.0 / np.geomspace(_SHORTEST_MEMORY, longest, _MEMORIES))
+    delayed = [first_order(force, k, 1.0 - k, float(force[0])) - force for k in kept.tolist()]
+    return [*(force * factor for factor in factors), *delayed]

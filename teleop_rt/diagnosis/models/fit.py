@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.least_squares import signed_least_squares, solution, within_bounds
@@ -98,6 +99,11 @@ class Problem:
     def flexible(self) -> Flexible:
         """The flexible description of the force, by this noise."""
         return Flexible(self.whitener, basis(self.motion))
+
+    @cached_property
+    def flexible_in_contact(self) -> Flexible:
+        """The flexible description of a force that acts in contact alone."""
+        return Flexible(self.whitener, basis(self.motion) * touches(self.motion.x))
 
     @cached_property
     def _weak(self) -> float:

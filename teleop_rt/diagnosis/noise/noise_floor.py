@@ -68,6 +68,15 @@ def fast_noise(problem: Problem, floor: Matrix, where: Vector) -> float:
     return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
 
 
+def known_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
+    """Return the deviation [rig's force] that the fastest differences or free air show to be noise.
+
+    In free air it is the residual of `fit`; `floor` and `where` are those of `noise_floor`.
+    """
+    fast, air = fast_noise(problem, floor, where), in_free_air(problem, fit)
+    return max(fast, float(np.sqrt(air))) if np.isfinite(air) else fast
+
+
 def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
     """Return the largest deviation [rig's force] that noise may have in this recording.
 

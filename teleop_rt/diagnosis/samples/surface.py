@@ -182,7 +182,7 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             f" check --surface; {NO_CONTACT_HERE}"
         )
     pressed = float(np.median(recording.force[touches(penetration)]) - np.median(free))
-    least = _SIGMAS * force_noise(recording.force)
+    least = _SIGMAS * force_noise(recording.force, recording.force_step)
     if -pressed > max(least, _PULL_RATIO * float(np.ptp(recording.force))):
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force is {pressed:.3g}"
