@@ -68,12 +68,18 @@ def test_what_the_form_of_an_adhesion_misses_at_each_touch_is_no_second_layer() 
     assert best(*neck(5)) == {"adhesion"}
 
 
-def drifting(seed: int) -> tuple[Array, Array, Array]:
-    """Return time, penetration, and the force of a body whose glue pulls, beside a large drift."""
+def stroke(seed: int) -> tuple[np.random.Generator, Array, Array, Array]:
+    """Return the generator, and time [s], penetration [m] and speed [m/s] of a rich motion."""
     rng = np.random.default_rng(seed)
     x = rich(rng, 5e-3)[::EVERY]
     t = np.arange(x.size) * 1e-3
-    v, whole = np.gradient(x, t), t / t[-1]
+    return rng, t, x, np.gradient(x, t)
+
+
+def drifting(seed: int) -> tuple[Array, Array, Array]:
+    """Return time, penetration, and the force of a body whose glue pulls, beside a large drift."""
+    rng, t, x, v = stroke(seed)
+    whole = t / t[-1]
     force = np.where(x > 0.0, 2500.0 * x + 12.0 * v, 0.0) + whole - 0.3 * whole**2
     pulls = (x > -4e-4) & (v < 0.0)
     reach = np.exp(np.minimum(x, 0.0) / 2e-4 - np.maximum(x, 0.0) / 1.5e-3)
@@ -87,10 +93,7 @@ def test_an_adhesion_of_two_percent_beside_a_drift_is_named() -> None:
 
 def in_red_noise(seed: int) -> tuple[Array, Array, Array]:
     """Return time, penetration, and force of a stiffening body under a mass, in slow noise."""
-    rng = np.random.default_rng(seed)
-    x = rich(rng, 5e-3)[::EVERY]
-    t = np.arange(x.size) * 1e-3
-    v = np.gradient(x, t)
+    rng, t, x, v = stroke(seed)
     depth = np.maximum(x, 0.0)
     force = np.where(x > 0.0, 2500.0 * x + 12.0 * v + 9e6 * depth**3, 0.0) + 0.3 * np.gradient(v, t)
     slow, kept = np.zeros(t.size), np.exp(-2.0 * np.pi * 15.0 * 1e-3)
@@ -107,10 +110,7 @@ def test_slow_noise_that_free_air_shows_hides_neither_of_two_effects() -> None:
 
 def uneven_friction(seed: int) -> tuple[Array, Array, Array]:
     """Return time, penetration, and force beside a friction that varies along the stroke."""
-    rng = np.random.default_rng(seed)
-    x = rich(rng, 5e-3)[::EVERY]
-    t = np.arange(x.size) * 1e-3
-    v = np.gradient(x, t)
+    rng, t, x, v = stroke(seed)
     friction = 0.8 * (1.0 + 0.3 * np.sin(900.0 * x)) * np.tanh(v / 2e-3)
     force = np.where(x > 0.0, 2500.0 * x + 12.0 * v, 0.0) + friction
     return t, x, force + 0.02 * rng.standard_normal(t.size)

@@ -126,7 +126,10 @@ class _Remainder:
 
 
 def _form_errors(problem: Problem, fit: Fit) -> Matrix:
-    """Return whitened rows of the form errors of each effect, which share its force's energy."""
+    """Return the form errors of all effects, whitened (rows x values of a whitened force).
+
+    The rows of one effect share the energy of its force.
+    """
     motion, found = problem.motion, []
     whole = force_of(fit.model, motion, fit.zeta, fit.theta)
     owners = [linear.owner for linear in fit.model.linear]
@@ -143,7 +146,10 @@ def _form_errors(problem: Problem, fit: Fit) -> Matrix:
 
 
 def _other_forms(problem: Problem, force: Vector) -> list[Vector]:
-    """Return a law's force times smooth functions of position, speed and time, and delayed."""
+    """Return a law's force [rig's force] times functions of position, speed and time, and delayed.
+
+    A factor of 1 counts where the amplitude enters nonlinearly, as that of a backlash.
+    """
     motion, used = problem.motion, problem.whitener.mask > 0.0
     t = np.linspace(-1.0, 1.0, force.size)
     low, high = float(np.min(motion.x[used])), float(np.max(motion.x[used]))
