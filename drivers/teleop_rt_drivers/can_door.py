@@ -1,4 +1,4 @@
-"""A socket that carries CAN frames in packets, as kernels use it: a whole cycle's in one step."""
+"""A socket that carries CAN frames in packets, for kernels: a cycle's are received in one step."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from teleop_rt.jit import kernel
 from teleop_rt.kernel_record import record_type
 from teleop_rt.realtime.packets import Packets
-from teleop_rt.realtime.system_calls import receive_packets
+from teleop_rt.realtime.system_calls import monotonic_ns, receive_packets, send_bytes
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import Slots
@@ -26,7 +26,8 @@ UNUSUAL = -1 << 20
 class Door:
     """Fields of a socket: its descriptor, its packets' headers, and what the last call received.
 
-    That is `received` packets, or minus the number of an error, with `frames` frames.
+    That is `received` packets, or minus the number of an error, with `frames` frames. `sending` is
+    the address of the words of a `CanDoor`, of which a frame to send takes `frame_bytes`.
     """
 
     descriptor: int
@@ -34,17 +35,29 @@ class Door:
     most: int
     received: int
     frames: int
+    sending: int
+    frame_bytes: int
 
 
 _DOOR = record_type(Door)
+_DESCRIPTOR = list(Door.__annotations__).index("descriptor")
 Doors = NDArray[np.record]
 Lengths = NDArray[np.uint32]
+Whole = NDArray[np.int64]
+
+_ID, _DATA, _STAMP, _CLOCK = range(4)
+"""Words of a frame to send, id with length, bytes and stamp, and where the clock is read to."""
+_WORD = 8
+_CLOCK_WORDS = 2
+LENGTH_SHIFT = 32
+"""Place of a frame's length in the word of its id [bits]."""
 
 
 class CanDoor:
     """Room for a socket's packets: `slots` of `size` bytes hold its frames for kernels.
 
-    `arrays` is what `take_packets` works on, `door` the socket's fields by name.
+    `arrays` is what `take_packets` works on, `words` what `put_frame` writes, and `door` the
+    socket's fields by name.
     """
 
     def __init__(self, size: int) -> None:
@@ -56,7 +69,15 @@ class CanDoor:
         self.door = cast("Door", stored[0])
         self.door.descriptor = -1
         self.door.headers, self.door.most = packets.headers, PACKETS_AT_ONCE
+        self.words: Whole = np.zeros(_CLOCK + _CLOCK_WORDS, np.int64)
+        self.door.sending, self.door.frame_bytes = self.words.ctypes.data, size
         self.arrays = stored, np.asarray(packets.lengths), self.slots
+        self._fields = stored.view(np.int64).data
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether there is a socket, and frames sent there are heard by all."""
+        return self._fields[_DESCRIPTOR] >= 0
 
 
 @kernel
@@ -96,3 +117,16 @@ def move_up(slots: Slots, packet: int, frames: int, to: int) -> None:
         if place != to + frame:
             for byte in range(slots.shape[1]):
                 slots[to + frame, byte] = slots[place, byte]
+
+
+@kernel
+def put_frame(stored: Doors, words: Whole, head: int, data: int) -> int:
+    """Send a frame of classic CAN; return when [ns, monotonic], or minus the number of an error.
+
+    `head` is its id, with its length above, and `data` are its bytes as they lie in memory.
+    """
+    door: Any = stored[0]
+    now_ns = monotonic_ns(words[_CLOCK:], door.sending + _CLOCK * _WORD)
+    words[_ID], words[_DATA], words[_STAMP] = head, data, now_ns
+    failed = send_bytes(door.descriptor, door.sending, door.frame_bytes)
+    return failed if failed < 0 else now_ns

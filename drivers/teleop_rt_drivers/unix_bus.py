@@ -364,6 +364,7 @@ class UnixBus(can.BusABC):
         for one in (self._listening, *self._peers):
             one.close()
         self._peers.clear()
+        self._set_door()
         self._ready.close()
         fcntl.flock(self._folder, fcntl.LOCK_EX)  # or one that is just joining would lose its place
         with contextlib.suppress(OSError):

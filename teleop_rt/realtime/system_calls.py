@@ -1,15 +1,20 @@
-"""Calls of the system from within kernels: what waits at a socket or a line, without waiting."""
+"""Calls of the system from within kernels: to receive, send and read a clock, without waiting."""
 
 from __future__ import annotations
 
 import ctypes
 import errno
 import socket
+import time
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from teleop_rt.jit import kernel
 from teleop_rt.lean_numba import numba
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _C_TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64}
 
@@ -42,8 +47,11 @@ def _error_of_c_library() -> Callable[[], Sequence[int]]:
 
 _receive = _of_c_library("recvmmsg", "int32", "int32", "int64", "int32", "int32", "int64")
 _read = _of_c_library("read", "int64", "int32", "int64", "int64")
+_send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
+_clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
-_FLAGS = socket.MSG_DONTWAIT
+_FLAGS, _SEND_FLAGS = socket.MSG_DONTWAIT, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
+_MONOTONIC = time.CLOCK_MONOTONIC
 _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
 
@@ -73,6 +81,19 @@ def read_bytes(descriptor: int, place: int, room: int) -> int:
         return -_ENDED
     code = _error()[0]
     return 0 if code in (_AGAIN, _INTERRUPTED) else -code
+
+
+@kernel
+def send_bytes(descriptor: int, place: int, length: int) -> int:
+    """Send a packet that lies at an address; return 0, or minus the number of an error."""
+    return -_error()[0] if _send(descriptor, place, length, _SEND_FLAGS) < 0 else 0
+
+
+@kernel
+def monotonic_ns(times: NDArray[np.int64], place: int) -> int:
+    """Return the time of CLOCK_MONOTONIC by way of two numbers (2,), which lie at this address."""
+    _clock(_MONOTONIC, place)
+    return int(times[0] * 1_000_000_000 + times[1])
 
 
 @kernel

@@ -8,15 +8,20 @@ while the drive is not enabled: it carries the controlword.
 from __future__ import annotations
 
 import contextlib
+import math
+import time
 from typing import TYPE_CHECKING
 
 import can
+import numpy as np
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
+from teleop_rt.jit import bound
 from teleop_rt_drivers.can_frames import REMOTE, single_sender_of
 from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
 from teleop_rt_drivers.canopen.counters import Counters
+from teleop_rt_drivers.canopen.exchange import COUNT, SENT, new_sync, note_sent
 from teleop_rt_drivers.canopen.receiver import Receiver
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus
 from teleop_rt_drivers.canopen.watch import OPERATIONAL, purge, send_fault
@@ -27,7 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt.config_rig import RigConfig
-    from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
+    from teleop_rt_drivers.can_door import CanDoor
+    from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
 SEND_FAILURES_FAULT = 3
@@ -59,16 +65,23 @@ class CanopenAxis:
         self._parts = build.parts(config, rig, self._dictionaries, self.counters)
         self._drive = self._parts[2]
         self._switch = build.switch_codec(config.drive, self._dictionaries.get("drive"))
-        self._receiver = Receiver(config, rig, self._parts, self._switch, bus, self.counters)
+        self._syncs = new_sync(config.daemon.sync_cob_id, config.daemon.sync_counter)
+        self._sync_words = self._syncs.view(np.int64).data
+        self._note_sync = bound(note_sent, (self._syncs,), 0)
+        self._receiver = Receiver(
+            config, rig, self._parts, self._switch, bus, self.counters, self._syncs
+        )
+        # A kernel reads the machine's clock alone.
+        self._sends = now_ns is time.monotonic_ns
+        self._door: CanDoor | None = getattr(bus, "door", None)
+        drive, door = self._drive, self._door
+        self._send_position = None if drive is None or door is None else drive.sender(door)
         guarded = any(node.guarding for node in config.nodes.values())
         self._guards = self._receiver.guards if guarded else None
-        self._syncs = _sync_frames(config.daemon)
-        self._sync_count = 0
         self._sync_id = config.daemon.sync_cob_id
         self._heartbeat = BOOT_UP + config.daemon.node_id, bytes((OPERATIONAL,))
         self._heartbeat_period_ns = config.daemon.heartbeat_ms * 1_000_000
         self._heartbeat_due_ns = 0
-        self._sync_ns = 0
         self._send_failures = 0
         self._master = False
         self._answer_ns = 0
@@ -113,7 +126,7 @@ class CanopenAxis:
     def listen(self) -> None:
         """Begin with what arrives from now on, on devices that are configured."""
         self._receiver.reset()
-        self._send_failures = self._sync_ns = self._heartbeat_due_ns = 0
+        self._send_failures = self._sync_words[SENT] = self._heartbeat_due_ns = 0
 
     def arm(self) -> None:
         """Ask the drive to hold its present position under power; takes effect over cycles.
@@ -137,9 +150,10 @@ class CanopenAxis:
         if self._answer_ns:
             self._ask()
             self._await_answers(now_ns)
-            self._receiver.receive(sample, now_ns, self._sync_ns, asks=False)
+            self._receiver.receive(sample, now_ns, asks=False, sends=False)
+        elif self._receiver.receive(sample, now_ns, asks=True, sends=self._sends):
+            self._send_failures = 0
         else:
-            self._receiver.receive(sample, now_ns, self._sync_ns, asks=True)
             self._send_sync()
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
@@ -164,8 +178,14 @@ class CanopenAxis:
 
         Where nothing acknowledges nothing is commanded: it would wait, and act when power returns.
         """
-        if self._drive is not None and self._receiver.fault is not _NOT_ACKNOWLEDGED:
-            self._send(self._drive.rpdo.cob_id, self._drive.command(position))
+        drive, door = self._drive, self._door
+        if drive is None or self._receiver.fault is _NOT_ACKNOWLEDGED:
+            return
+        send, plain = self._send_position, drive.follows and math.isfinite(position)
+        if send is None or door is None or not (plain and door.is_open) or send(position) < 0:
+            self._send(drive.rpdo.cob_id, drive.command(position))
+        else:  # nearly always
+            self._send_failures = 0
 
     def push(self, force: float) -> None:
         """Command a force [rig unit] in place of a position, as an operator's device does.
@@ -226,9 +246,9 @@ class CanopenAxis:
 
     def _send_sync(self) -> None:
         """Send SYNC and note its time: the answers will be stamped with it."""
-        self._sync_ns = self._now_ns()
-        self._send(self._sync_id, self._syncs[self._sync_count])
-        self._sync_count = (self._sync_count + 1) % len(self._syncs)
+        count = self._sync_words[COUNT]
+        self._note_sync(self._now_ns())
+        self._send(self._sync_id, bytes((count,)) if count else b"")
 
     def _send(self, can_id: int, data: bytes) -> None:
         """Send without waiting; a frame that cannot be sent is counted."""
@@ -242,10 +262,3 @@ class CanopenAxis:
                 purge(self._bus)
         else:
             self._send_failures = 0
-
-
-def _sync_frames(daemon: DaemonConfig) -> list[bytes]:
-    """Return what the SYNC frames hold in turn: nothing, or each count."""
-    if daemon.sync_counter is None:
-        return [b""]
-    return [bytes((count,)) for count in range(1, daemon.sync_counter + 1)]

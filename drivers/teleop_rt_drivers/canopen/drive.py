@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from teleop_rt_drivers.canopen import cia402
+from teleop_rt.jit import bound
+from teleop_rt_drivers.can_door import LENGTH_SHIFT
+from teleop_rt_drivers.canopen import cia402, exchange
 from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import Cia402State
 from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, SourceRecord, kind_of, place
 
 if TYPE_CHECKING:
-    from teleop_rt.axis import Sample
+    from collections.abc import Callable
+
+    from teleop_rt_drivers.can_door import CanDoor
     from teleop_rt_drivers.canopen.counters import Counters
+    from teleop_rt_drivers.canopen.intake import Sources
     from teleop_rt_drivers.canopen.pdo import PdoCodec
     from teleop_rt_drivers.canopen.position_loop import PositionLoop
     from teleop_rt_drivers.quantity import DriveZero, Scale
 
-_STATUSWORD, _SILENT = place("statusword"), place("silent_cycles")
+_STATUSWORD, _SEEN = place("statusword"), place("seen")
+_SILENT, _TARGET = place("silent_cycles"), place("target")
 _ACTUAL, _FORCE = place("actual"), place("force_counts")
-LOWEST, HIGHEST = -(2**31), 2**31 - 1
+_UNSEEN = -2
+"""In place of the statusword that was looked at: it is to be looked at again."""
 
 
 class Intent(Enum):
@@ -36,7 +44,7 @@ _POWERING = (Intent.ARMING, Intent.RUNNING)
 _FAULTY = (Cia402State.FAULT, Cia402State.FAULT_REACTION)
 _MOVING = (Cia402State.OPERATION_ENABLED, Cia402State.QUICK_STOP_ACTIVE)
 # By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call.
-_ARMING, _RUNNING, _STOPPED = Intent.ARMING, Intent.RUNNING, Intent.STOPPED
+_ARMING, RUNNING, _STOPPED = Intent.ARMING, Intent.RUNNING, Intent.STOPPED
 _ENABLED = Cia402State.OPERATION_ENABLED
 
 
@@ -74,26 +82,44 @@ class Drive:
         self.record = SourceRecord()
         self.replies = Replies(self.record)
         self.state = Cia402State.NOT_READY
-        self.intent = self._settled = Intent.IDLE
+        self.intent = Intent.IDLE
         self.fell_out = False
-        self._statusword = -1
-        self._scale = scale
         self._zero = zero
         self._aligned = True
         self._counters = counters
         self._force_per_count = force_per_count
-        self._describe(tpdo)
         self._control_slot = rpdo.slot(cia402.CONTROLWORD)
         self._target_slot = rpdo.slot(cia402.TARGET_POSITION)
+        self._describe(tpdo, rpdo, scale)
         self._torque = torque
         self._torque_slot = -1 if torque is None else rpdo.slot(cia402.TARGET_TORQUE)
         self._fields = [0] * len(rpdo.words)
-        self._target = 0
         self._position = 0.0
+        self.bind(self.record.stored)
 
-    def _describe(self, tpdo: PdoCodec) -> None:
-        """Say where the kernels find what the drive answers."""
+    def bind(self, stored: Sources) -> None:
+        """Let the drive's record live in this array (1,) from now on."""
+        self.record.bind(stored)
+        self._aim = bound(exchange.aim, (stored,), 0.0)
+
+    def sender(self, door: CanDoor) -> Callable[[float], int] | None:
+        """Return what sends a position [rig unit] while `follows`, as `put_frame` does.
+
+        A drive that takes forces has none: its loop computes them first.
+        """
+        if self._torque is not None:
+            return None
+        arrays = self.record.stored, door.arrays[0], door.words
+        send = bound(exchange.send_position, arrays, 0, 0, 0.0)
+        head = self.rpdo.cob_id | self.rpdo.struct.size << LENGTH_SHIFT
+        return functools.partial(send, head, cia402.ENABLE_OPERATION)
+
+    def _describe(self, tpdo: PdoCodec, rpdo: PdoCodec, scale: Scale) -> None:
+        """Say where the kernels find what the drive answers, and what a command holds."""
         source = self.record.source
+        source.offset, source.gain = scale.offset, scale.sign * scale.per_count
+        source.control_at = rpdo.places[self._control_slot]
+        source.target_at = rpdo.places[self._target_slot]
         status, actual = tpdo.slot(cia402.STATUSWORD), tpdo.slot(cia402.ACTUAL_POSITION)
         source.is_drive, source.cob_id, source.length = 1, tpdo.cob_id, tpdo.struct.size
         source.status_at, source.status_kind = tpdo.places[status], kind_of(tpdo.kinds[status])
@@ -101,7 +127,8 @@ class Drive:
         if self._force_per_count is not None:
             force = tpdo.slot(cia402.ACTUAL_TORQUE)
             source.extra_at, source.extra_kind = tpdo.places[force], kind_of(tpdo.kinds[force])
-        source.statusword, source.silent_cycles = -1, SILENT_CYCLES
+        source.statusword = source.seen = -1
+        source.silent_cycles = SILENT_CYCLES
 
     @property
     def _actual(self) -> float:
@@ -116,14 +143,13 @@ class Drive:
     @property
     def enabled(self) -> bool:
         """Return whether the drive follows commands, by a recent report of its own."""
-        return self.intent is _RUNNING and self.record.counts[_SILENT] < SILENT_CYCLES
+        return self.intent is RUNNING and self.record.counts[_SILENT] < SILENT_CYCLES
 
-    def fill(self, sample: Sample) -> None:
-        """Write the state and the measurements of the drive into a sample."""
-        record, per_count = self.record, self._force_per_count
-        sample.enabled = self.intent is _RUNNING and record.counts[_SILENT] < SILENT_CYCLES
-        sample.drive_position = self._scale.value(record.floats[_ACTUAL])
-        sample.drive_force = None if per_count is None else per_count * record.floats[_FORCE]
+    @property
+    def force(self) -> float | None:
+        """The force that the drive measures [rig unit], None where it is not looked at."""
+        per_count = self._force_per_count
+        return None if per_count is None else per_count * self.record.floats[_FORCE]
 
     @property
     def faulty(self) -> bool:
@@ -132,26 +158,26 @@ class Drive:
 
     def settle(self) -> bool:
         """Advance the intent by what this cycle brought; return whether the drive has failed."""
-        statusword = self.record.counts[_STATUSWORD]
-        if statusword != self._statusword or self.intent is not self._settled:
-            self._advance(statusword)
+        counts = self.record.counts
+        if counts[_STATUSWORD] != counts[_SEEN]:
+            self._advance(counts[_STATUSWORD])
         return self.fell_out or self.faulty
 
     def _advance(self, statusword: int) -> None:
-        if statusword != self._statusword:
-            self._statusword = statusword
+        self.record.counts[_SEEN] = statusword
+        if statusword >= 0:
             self.state = cia402.drive_state(statusword)
         if self.intent is _ARMING and self.state is _ENABLED:
-            self.intent = _RUNNING
-        elif self.intent is _RUNNING and self.state is not _ENABLED:
+            self.intent = RUNNING
+        elif self.intent is RUNNING and self.state is not _ENABLED:
             self.intent = _STOPPED
             self.fell_out = True
-        self._settled = self.intent
 
     def arm(self) -> None:
         """Begin the walk to operation enabled."""
         self.fell_out = False
         self.intent = _ARMING
+        self.record.counts[_SEEN] = _UNSEEN
         self._aligned = self._zero == "encoder"
 
     def disarm(self) -> None:
@@ -161,48 +187,58 @@ class Drive:
         self.intent = Intent.IDLE
         self.state = Cia402State.NOT_READY
         source = self.record.source
-        self._statusword = source.statusword = -1
+        source.statusword = source.seen = -1
         source.silent_cycles = SILENT_CYCLES
+
+    @property
+    def follows(self) -> bool:
+        """Return whether a position is commanded as it is."""
+        return self.intent is RUNNING and self._aligned
 
     def command(self, position: float) -> bytes:
         """Return the command frame for a position [rig unit]; it acts at the next SYNC.
 
         A position that is no number is counted and the last one is kept.
         """
-        if self.intent is not _RUNNING:
-            self._target = int(self._actual)
+        if self.intent is not RUNNING:
+            self._stay()
         elif math.isfinite(position):
             if not self._aligned:
                 self._aligned = True
-                self._scale = self._scale.moved(position - self._scale.value(self._actual))
+                source = self.record.source
+                source.offset += position - (source.offset + source.gain * source.actual)
             self._position = position
-            self._target = min(max(self._scale.counts(position), LOWEST), HIGHEST)
+            self._aim(position)
         else:
             self._counters["bad_command"] += 1
         if self._torque is not None:
-            running = self.intent is _RUNNING
+            running = self.intent is RUNNING
             self._push(self._torque, self._position if running else None)
-        return self._pack(self._controlword())
+        return self._pack(self.controlword())
 
     def force_command(self, force: float) -> bytes:
         """Return the command frame for a force [rig unit], 0 until power is enabled."""
         counts = 0
-        if self._torque is not None and self.intent is _RUNNING:
+        if self._torque is not None and self.intent is RUNNING:
             if math.isfinite(force):
                 counts = self._torque.counts(force)
             else:
                 self._counters["bad_command"] += 1
         self._fields[self._torque_slot] = counts
-        self._target = int(self._actual)
-        return self._pack(self._controlword())
+        self._stay()
+        return self._pack(self.controlword())
 
     def stop_command(self) -> bytes:
         """Return the frame that stops the drive, and ask for nothing else from now on."""
         self.intent = _STOPPED
-        self._target = int(self._actual)
+        self._stay()
         if self._torque is not None:
             self._push(self._torque, None)
         return self._pack(cia402.QUICK_STOP)
+
+    def _stay(self) -> None:
+        """Take where the drive is for the target."""
+        self.record.counts[_TARGET] = int(self._actual)
 
     def _push(self, torque: Torque, position: float | None) -> None:
         """Set the force that leads to a position; None asks for none."""
@@ -212,7 +248,7 @@ class Drive:
         else:
             self._fields[self._torque_slot] = torque.counts(torque.loop.update(position))
 
-    def _controlword(self) -> int:
+    def controlword(self) -> int:
         """Return the controlword for the present intent and state."""
         if self.intent in _POWERING:
             return cia402.NEXT_TOWARDS_ENABLED.get(self.state, cia402.DISABLE_VOLTAGE)
@@ -222,5 +258,5 @@ class Drive:
 
     def _pack(self, controlword: int) -> bytes:
         self._fields[self._control_slot] = controlword
-        self._fields[self._target_slot] = self._target
+        self._fields[self._target_slot] = self.record.counts[_TARGET]
         return self.rpdo.struct.pack(*self._fields)

@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 
 from teleop_rt.jit import kernel
 from teleop_rt.kernel_record import record_type
-from teleop_rt_drivers.can_door import UNUSUAL, take_packets
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
 from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
 from teleop_rt_drivers.canopen.watch import hear, lost_life, new_lives
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
     from teleop_rt_drivers.canopen.watch import Lives
 
@@ -40,6 +38,8 @@ DUPLICATE = 1 << 8
 """Bit of `settle` for a second sender; below it those of sources that gave no new value."""
 LOST = 1 << 9
 """Bit of `take_cycle` for a node whose heartbeat ended, or says that it has left."""
+CHANGED = 1 << 10
+"""Bit of `take_cycle` for a statusword that `Drive.settle` has not seen."""
 _STATE_BITS = 0x7F
 
 _KINDS = "bBhHiIqQfd"
@@ -83,11 +83,16 @@ class Source:
     value: float
     stamp_ns: int
     known: int
-    # A drive: its statusword, its own position and force in counts.
+    # A drive: its statusword and the one that was looked at, its own position and force in counts.
     statusword: int
+    seen: int
     actual: float
     force_counts: float
     silent_cycles: int
+    # Its command: places in the frame, and the target that was sent last [counts].
+    target_at: int
+    control_at: int
+    target: int
 
 
 SOURCE_TYPE = record_type(Source)
@@ -116,6 +121,38 @@ class SourceRecord:
         self.source = cast("Source", stored[0])
         words = stored.view(np.uint8).data
         self.floats, self.counts = words.cast("d"), words.cast("q")
+
+
+class Reading:
+    """Fields of what a cycle knows in the end: values with their stamps, and the drive's own.
+
+    `encoder`, `force_sensor` and `drive` are their places among the sources, or NOWHERE.
+    """
+
+    position: float
+    force: float
+    drive_position: float
+    position_ns: int
+    force_ns: int
+    stamp_ns: int
+    silent_cycles: int
+    encoder: int
+    force_sensor: int
+    drive: int
+
+
+_READING = record_type(Reading)
+Readings = NDArray[np.record]
+read_out = struct.Struct("=3d4q").unpack_from
+"""Reads what a `Reading` begins with, up to `silent_cycles`, from its bytes."""
+
+
+def new_reading(encoder: int, force_sensor: int, drive: int) -> Readings:
+    """Return a reading (1,) of sources at these places."""
+    readings: Readings = np.zeros(1, _READING)
+    reading = cast("Reading", readings[0])
+    reading.encoder, reading.force_sensor, reading.drive = encoder, force_sensor, drive
+    return readings
 
 
 def side_by_side(records: list[SourceRecord]) -> Sources:
@@ -315,10 +352,30 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
 
 
 @kernel
+def fill(r: Reading, sources: Sources) -> None:
+    """Write what the sources know; both values are as old as the older one."""
+    r.stamp_ns = 0
+    if r.encoder >= 0:
+        encoder: Any = sources[r.encoder]
+        r.position, r.position_ns = encoder.value, encoder.stamp_ns
+        r.stamp_ns = encoder.stamp_ns
+    if r.force_sensor >= 0:
+        sensor: Any = sources[r.force_sensor]
+        r.force, r.force_ns = sensor.value, sensor.stamp_ns
+        if r.encoder < 0 or r.force_ns < r.stamp_ns:
+            r.stamp_ns = r.force_ns
+    if r.drive >= 0:
+        drive: Any = sources[r.drive]
+        r.drive_position = drive.offset + drive.gain * drive.actual
+        r.silent_cycles = drive.silent_cycles
+
+
+@kernel
 def take_cycle(
     sources: Sources,
     counts: Whole,
     lives: Lives,
+    readings: Readings,
     slots: Slots,
     first: int,
     count: int,
@@ -328,8 +385,8 @@ def take_cycle(
 ) -> int:
     """Take frames from `first` on and end the cycle; with `asks` the next SYNC is sent then.
 
-    Return what `settle` does, and LOST. Where a frame is for somebody else nothing has ended: -1
-    minus its place.
+    Return what `settle` does, LOST and CHANGED. Where a frame is for somebody else nothing has
+    ended: -1 minus its place.
     """
     row = take_frames(sources, counts, lives, slots, first, count, now_ns)
     if row < count:
@@ -337,29 +394,14 @@ def take_cycle(
     events = settle(sources, counts, sync_ns)
     if lost_life(lives, now_ns) >= 0:
         events |= LOST
+    r: Any = readings[0]
+    fill(r, sources)
+    if r.drive >= 0 and sources[r.drive].statusword != sources[r.drive].seen:
+        events |= CHANGED
     if asks:
         ask(sources)
         counts[_SYNC_SENT] += 1
     return events
-
-
-@kernel
-def take_cycle_from(
-    sources: Sources,
-    counts: Whole,
-    lives: Lives,
-    door: Doors,
-    lengths: Lengths,
-    slots: Slots,
-    sync_ns: int,
-    now_ns: int,
-    asks: bool,
-) -> int:
-    """Receive what waits at a door and take it as `take_cycle` does; or return UNUSUAL."""
-    count = take_packets(door, lengths, slots)
-    if count == UNUSUAL:
-        return UNUSUAL
-    return take_cycle(sources, counts, lives, slots, 0, count, sync_ns, now_ns, asks)
 
 
 @functools.cache
@@ -371,4 +413,5 @@ def load_kernels() -> None:
     hear(lives[0], 0, 0)
     lost_life(lives, 0)
     ask(sources)
-    take_cycle(sources, counts, lives, slots, 0, 0, 0, 0, True)  # noqa: FBT003 - as above
+    readings = new_reading(NOWHERE, NOWHERE, NOWHERE)
+    take_cycle(sources, counts, lives, readings, slots, 0, 0, 0, 0, True)  # noqa: FBT003 - as above

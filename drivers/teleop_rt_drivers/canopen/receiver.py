@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from teleop_rt.axis import NO_AXIS_FAULT, AxisFault
 from teleop_rt.jit import bound
 from teleop_rt_drivers.can_door import UNUSUAL
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
 from teleop_rt_drivers.canopen import eds, intake, setup
+from teleop_rt_drivers.canopen.drive import RUNNING
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
-from teleop_rt_drivers.canopen.intake import DUPLICATE, LOST, NOBODY, place, side_by_side
+from teleop_rt_drivers.canopen.exchange import SENT, UNSENT, exchange
+from teleop_rt_drivers.canopen.intake import (
+    CHANGED,
+    DUPLICATE,
+    LOST,
+    NOBODY,
+    NOWHERE,
+    SILENT_CYCLES,
+    new_reading,
+    read_out,
+    side_by_side,
+)
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
@@ -26,12 +40,13 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.counters import Counters
+    from teleop_rt_drivers.canopen.exchange import Syncs
+    from teleop_rt_drivers.canopen.intake import Readings
 
     Data = bytes | bytearray
     Handler = Callable[[int, Data, int], object]
     """Takes the id, the bytes and the time of the cycle."""
 
-_VALUE, _STAMP = place("value"), place("stamp_ns")
 MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
 SDO = (0x580, 0x680)
@@ -51,7 +66,7 @@ class Receiver:
     """Takes every frame of the bus to the part that it is for, and latches the first fault.
 
     `counters` contains the rejected frames by reason, `last_emergency` the last emergency in
-    words. A fault stays until `reset`.
+    words. A fault stays until `reset`. The answers are to the SYNC of `syncs`.
     """
 
     def __init__(
@@ -62,6 +77,7 @@ class Receiver:
         switch: PdoCodec | None,
         bus: can.BusABC,
         counters: Counters,
+        syncs: Syncs,
     ) -> None:
         self.counters = counters
         self.fault = NO_AXIS_FAULT
@@ -77,6 +93,11 @@ class Receiver:
         # The values come first, so that their place is that of their bit of `intake.settle`.
         records = [part.record for part in parts if part is not None]
         self._sources, self._words = side_by_side(records), counters.words
+        if self._drive is not None:
+            self._drive.bind(self._drive.record.stored)
+        self._readings = self._new_reading()
+        self._read = self._readings.view(np.uint8).data
+        self._syncs, self._sync_words = syncs, syncs.view(np.int64).data
         self._names = {node.node_id: name for name, node in config.nodes.items()}
         guarded = {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
         self.guards = NodeGuards(guarded)
@@ -113,33 +134,40 @@ class Receiver:
         self.counters["sync_sent"] += 1
         intake.ask(self._sources)
 
-    def receive(self, sample: Sample, now_ns: int, sync_ns: int, *, asks: bool) -> None:
-        """Take what has arrived and fill the sample: values of the SYNC at `sync_ns`.
+    def _new_reading(self) -> Readings:
+        """Return a reading of the parts that there are, which lie in this order."""
+        places, count = [], 0
+        for part in (self._encoder, self._force, self._drive):
+            places.append(NOWHERE if part is None else count)
+            count += part is not None
+        return new_reading(*places)
 
-        With `asks` the caller sends the next SYNC right after this.
+    def receive(self, sample: Sample, now_ns: int, *, asks: bool, sends: bool) -> bool:
+        """Take what has arrived and fill the sample; return whether the next SYNC was sent.
+
+        With `asks` the caller sends it right after this, unless a kernel can with `sends`.
         """
-        events = self._take(now_ns, sync_ns, asks=asks)
-        if (drive := self._drive) is not None and drive.settle():
-            self.raise_fault(AxisFault.DRIVE_FAULT)
+        events, sent = self._take(now_ns, asks=asks, sends=sends)
         if events:
             self._find_faults(now_ns, events)
         sample.valid = valid = not events & DUPLICATE - 1
         sample.stale = "" if valid else self._stale(events)
         self._fill(sample)
+        return sent
 
-    def _take(self, now_ns: int, sync_ns: int, *, asks: bool) -> int:
-        """Take a cycle's frames; return its events."""
+    def _take(self, now_ns: int, *, asks: bool, sends: bool) -> tuple[int, bool]:
+        """Take a cycle's frames; return its events, and whether SYNC was sent."""
         if not self._watching:
             self._begin(now_ns)
         reader, count = self._reader, 0
-        if self._take_plain is not None and reader.is_plain():
-            events = self._take_plain(sync_ns, now_ns, asks)
+        if self._exchange is not None and reader.is_plain():
+            events = self._exchange(now_ns, asks, sends)
             if events >= 0:  # nearly always
-                return events
+                return events, sends and not events & UNSENT
             count = reader.read_unusual() if events == UNUSUAL else reader.received
         else:
             count, events = reader.read_otherwise(), UNUSUAL
-        take_cycle = self._bound[id(reader.slots)]
+        take_cycle, sync_ns = self._bound[id(reader.slots)], self._sync_words[SENT]
         if events == UNUSUAL:
             self._note_flood(count)
             events = take_cycle(0, count, sync_ns, now_ns, asks)
@@ -147,17 +175,18 @@ class Receiver:
             row = -1 - events
             self._hand_on(*reader.frame(row)[:2], now_ns)
             events = take_cycle(row + 1, count, sync_ns, now_ns, asks)
-        return events
+        return events, False
 
     def _bind(self) -> None:
         """Bind what takes a cycle's frames: from the reader's slots, and by the bus's door."""
-        arrays = self._sources, self._words, self._heartbeats.lives
+        arrays = self._sources, self._words, self._heartbeats.lives, self._readings
         reader = self._reader
-        self._take_plain = None
+        self._exchange = None
         all_slots = [reader.slots]
         if (door := reader.door) is not None:
             all_slots.append(door.slots)
-            self._take_plain = bound(intake.take_cycle_from, (*arrays, *door.arrays), 0, 0, True)  # noqa: FBT003
+            more = *door.arrays, door.words, self._syncs
+            self._exchange = bound(exchange, (*arrays, *more), 0, True, True)  # noqa: FBT003
         self._bound = {
             id(slots): bound(intake.take_cycle, (*arrays, slots), 0, 0, 0, 0, True)  # noqa: FBT003
             for slots in all_slots
@@ -271,7 +300,9 @@ class Receiver:
             self.counters["unexpected_id"] += 1
 
     def _find_faults(self, now_ns: int, events: int) -> None:
-        """Latch faults that follow from the devices' silence, and from a second sender."""
+        """Latch faults that follow from the devices' silence, a drive's state, a second sender."""
+        if events & CHANGED and self._drive is not None and self._drive.settle():
+            self.raise_fault(AxisFault.DRIVE_FAULT)
         if events & LOST and self.fault is NO_AXIS_FAULT:
             self._note_lost(now_ns)
         if events & DUPLICATE:
@@ -290,22 +321,18 @@ class Receiver:
         else:
             self._missing += 1
             self.counters["cycles_without_sample"] += 1
-        stamp_ns = force_ns = 0
-        if (encoder := self._encoder) is not None:
-            record = encoder.record
-            sample.position = record.floats[_VALUE]
-            sample.position_stamp_ns = stamp_ns = record.counts[_STAMP]
-        if (force := self._force) is not None:
-            record = force.record
-            sample.force = record.floats[_VALUE]
-            sample.force_stamp_ns = force_ns = record.counts[_STAMP]
-            if encoder is None or force_ns < stamp_ns:
-                stamp_ns = force_ns
+        position, force, drive_position, position_ns, force_ns, sample.stamp_ns, silent = read_out(
+            self._read
+        )
+        if self._encoder is not None:
+            sample.position, sample.position_stamp_ns = position, position_ns
+        if self._force is not None:
+            sample.force, sample.force_stamp_ns = force, force_ns
             if self._drivetrain is not None:
                 self._drivetrain.free(sample)
-        sample.stamp_ns = stamp_ns
         if (drive := self._drive) is not None:
-            drive.fill(sample)
+            sample.enabled = drive.intent is RUNNING and silent < SILENT_CYCLES
+            sample.drive_position, sample.drive_force = drive_position, drive.force
         sample.switch = self._closed
         sample.missing = self._missing
         sample.rejected = self.counters.rejected
