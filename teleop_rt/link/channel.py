@@ -68,7 +68,6 @@ _DATA: dict[Role, frozenset[int]] = {
 
 # By these names a tick finds them at once.
 _KIND, _SEQUENCE, _MOTION = intake.KIND, intake.SEQUENCE, int(Kind.MOTION)
-_ARRIVED, _NEWS = intake.ARRIVED, intake.NEWS
 _PEER_STAMP, _PEER_STAMP_TAKEN = intake.PEER_STAMP, intake.PEER_STAMP_TAKEN
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 
@@ -79,7 +78,8 @@ class Endpoint(Mailbox):
     `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
     each or None, and the `fresh_...` flags say which came in this poll. `send()` before the
     session stands does nothing. `stale_after_ns` bounds the age of what is taken in. `clock` is
-    the peer's, fixed by whoever follows it. `newest_motion` is `motion` for kernels.
+    the peer's, fixed by whoever follows it. For kernels `newest_motion` is `motion`, and `words`
+    are what `intake` works on.
     """
 
     def __init__(
@@ -108,8 +108,8 @@ class Endpoint(Mailbox):
         self._answerer = Answerer(callers, rate_hz, accepted_rates_hz, now)
         self._notices = Budget(NOTICES_PER_S, now)
         self._hello_due_ns = now
-        self._words = intake.new_words(now, stale_after_ns)
-        self._numbers = self._words.data
+        self.words = intake.new_words(now, stale_after_ns)
+        self._numbers = self.words.data
         self._unsigned = self._numbers.cast("B").cast("Q")
         self.clock = PeerClock(one_way_max_ns)
         self.taken_by: str | None = None
@@ -171,13 +171,11 @@ class Endpoint(Mailbox):
 
     def silence_ns(self, now_ns: int) -> int:
         """Return the age of the newest message taken in, or the time since start before one."""
-        numbers = self._numbers
-        return now_ns - min(numbers[_ARRIVED], numbers[_NEWS])
+        return intake.silence_of(self._numbers, now_ns)
 
     def poll(self) -> None:
         """Take in what has arrived, a bounded number of packets, and keep the session alive."""
         self.fresh_motion = self.fresh_state = False
-        self._answerer.new_poll()
         now_ns, sessions = self._now_ns(), self.sessions
         if not self._poll_door(now_ns):
             self._poll_transport(now_ns)
@@ -192,33 +190,31 @@ class Endpoint(Mailbox):
         if udp is None or door is None or session is None or not udp.is_empty:
             return False
         if length := self._receive_expected(udp.name, session.signed_id, self._kinds):
-            try:
-                self._take_expected(session, door.memory[:length], now_ns)
-            except MessageError as error:
-                self.statistics.reject(error.reason)
+            self._try_expected(session, door.memory[:length], now_ns)
             return True
         udp.take_up(max(0, door.received))
         return door.received <= 0
 
     def _poll_transport(self, now_ns: int) -> None:
         """Take in what has arrived, packet by packet."""
+        self._answerer.new_poll()
         sessions, receive = self.sessions, self.transport.receive
         for _ in range(PACKETS_PER_POLL):
             packet = receive()
             if packet is None:
                 break
+            session = sessions.current
+            if session is not None and self._is_expected(packet, session.signed_id, self._kinds):
+                self._try_expected(session, packet, now_ns)
+                continue
             try:
-                session = sessions.current
-                if session is None or not self._is_expected(packet, session.signed_id, self._kinds):
-                    self._take(packet, now_ns)
-                else:
-                    self._take_expected(session, packet, now_ns)
+                self._take(packet, now_ns)
             except MessageError as error:
                 self.statistics.reject(error.reason)
 
     def _bind(self, window: ReplayWindow) -> None:
         """Let what nearly every packet passes work on the window of the session that stands."""
-        words = self._words, window.words
+        words = self.words, window.words
         self._is_expected = bound(intake.is_expected, words, b"", 0, 0)
         if self._door is not None:
             self._receive_expected = bound(receive_expected, (*self._door.arrays, *words), 0, 0, 0)
@@ -263,7 +259,7 @@ class Endpoint(Mailbox):
 
     def _take(self, packet: bytes, now_ns: int) -> None:
         """Take in a packet of any kind: a few in a session, all others before one stands."""
-        if problem := intake.read_header(self._words, packet):
+        if problem := intake.read_header(self.words, packet):
             raise MessageError(intake.PROBLEMS[problem])
         kind, caller = self._numbers[intake.KIND], self._caller
         if kind in self._data:
@@ -280,7 +276,7 @@ class Endpoint(Mailbox):
             self.transport.confirm_sender()
             self._move_to(session, now_ns)
             self._count_problem(
-                intake.take_stamps(self._words, self.clock.words, self.statistics.words, now_ns)
+                intake.take_stamps(self.words, self.clock.words, self.statistics.words, now_ns)
             )
         elif kind == Kind.RETRY and caller is not None:
             caller.take_retry(packet, now_ns)
@@ -288,19 +284,23 @@ class Endpoint(Mailbox):
         else:
             raise MessageError("kind")
 
-    def _take_expected(self, session: Session, packet: Body, now_ns: int) -> None:
+    def _try_expected(self, session: Session, packet: Body, now_ns: int) -> None:
         """Take in one more motion or state of the session that stands, as nearly all are."""
         numbers, transport, sessions = self._numbers, self.transport, self.sessions
-        body = session.open(packet, numbers[_SEQUENCE])
-        transport.confirm_sender()
-        session.address = transport.sender
-        sessions.accepted_ns = now_ns
-        if problem := self._accept(body, session.epoch, sessions.lost_before, now_ns):
-            self._count_problem(problem)
+        try:
+            body = session.open(packet, numbers[_SEQUENCE])
+            transport.confirm_sender()
+            session.address = transport.sender
+            sessions.accepted_ns = now_ns
+            if problem := self._accept(body, session.epoch, sessions.lost_before, now_ns):
+                self._count_problem(problem)
+        except MessageError as error:
+            self.statistics.reject(error.reason)
+            return
         if numbers[_KIND] == _MOTION:
-            self.hold_motion(body)
+            self._motion, self.fresh_motion = body, True
         else:
-            self.hold_state(body)
+            self._state, self.fresh_state = body, True
 
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of what they cost."""
@@ -323,7 +323,7 @@ class Endpoint(Mailbox):
         read = decode(Kind(kind), body) if kind in _READ_AT_ONCE else None
         self._count_problem(
             intake.take_in(
-                self._words,
+                self.words,
                 self.clock.words,
                 self.statistics.words,
                 body,
@@ -349,7 +349,7 @@ class Endpoint(Mailbox):
         self._bind(session.window)
         if self.sessions.move_to(session, now_ns):
             self.forget()
-            intake.forget_peer(self._words, now_ns)
+            intake.forget_peer(self.words, now_ns)
             self.clock.forget()
 
     def _say_taken(self, retired: Session, now_ns: int) -> None:
@@ -361,7 +361,7 @@ class Endpoint(Mailbox):
 
     def newest(self, kind: Kind) -> tuple[int, int]:
         """Return epoch and sequence of the newest message of a kind; zeros before the first."""
-        return intake.newest(self._words, kind)
+        return intake.newest(self.words, kind)
 
     def _give_way(self, message: TakenOver) -> None:
         """End the session that another master has taken over, and do not take it back."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from teleop_rt.jit import kernel
+from teleop_rt.jit import kernel, shared
 from teleop_rt.link import codec
 from teleop_rt.link.messages import Kind
 from teleop_rt.link.noise import TAG_BYTES
@@ -99,6 +99,12 @@ def newest(link: Whole, kind: int) -> tuple[int, int]:
     """Return epoch and sequence of the newest message of a kind; zeros before the first."""
     at = _NEWEST + 2 * kind
     return int(link[at]), int(link[at + 1])
+
+
+@shared
+def silence_of(link: Whole | memoryview, now_ns: int) -> int:
+    """Return the age of the newest message taken in, or the time since start before one."""
+    return int(now_ns - min(link[ARRIVED], link[NEWS]))
 
 
 @kernel

@@ -70,8 +70,8 @@ class Tick:
     drive_force: float
     surface_shift: float
     homed: int
+    # The master's silence, and its newest motion.
     silence_ns: int
-    # The master's newest motion.
     has_motion: int
     lead: float
     lead_velocity: float
@@ -225,4 +225,4 @@ class TickRecord:
         self.floats, self.counts = words.cast("d"), words.cast("q")
 
 
-CAME_IN = FieldSpan("tick", "silence_ns")
+CAME_IN = FieldSpan("tick", "homed")

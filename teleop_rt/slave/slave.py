@@ -122,6 +122,7 @@ class Slave:
             self.safety.late.record,
             self.safety.on_hardware.record,
             endpoint.statistics.words,
+            endpoint.words,
             endpoint.newest_motion.stored,
             self._row.stored,
             self._body,
@@ -253,7 +254,8 @@ class Slave:
     def _sense(self) -> None:
         sample = self._sample
         self._axis.read_into(sample)
-        self.reference.apply(sample)
+        if self._has_zeros:
+            self.reference.apply(sample)
         self._stamp_ns = self._now_ns()
         self._endpoint.poll()
         # Most rigs have neither zeros to find nor a force from the drive: no calls for those.
@@ -305,7 +307,6 @@ class Slave:
             *self._drive_values(sample),
             self._pipeline.shift,
             self.reference.homed,
-            self._endpoint.silence_ns(stamp_ns),
         )
 
     def _advance_zeros(self) -> int:

@@ -14,6 +14,7 @@ from teleop_rt.contact import detection
 from teleop_rt.estimation import selection, watch
 from teleop_rt.estimation import state as estimation
 from teleop_rt.jit import kernel
+from teleop_rt.link import intake
 from teleop_rt.link import statistics as counted
 from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state
 from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
@@ -183,6 +184,7 @@ def decide(
     late: Counts,
     on_hardware: Counts,
     link: Counts,
+    end: Counts,
     motion: StoredMotion,
     rows: StoredRow,
     bodies: StoredState,
@@ -190,11 +192,13 @@ def decide(
 ) -> int:
     """Advance safety, supervision, guard and limiter by one cycle; return what is to be done.
 
+    `link` are the words of an end's statistics, and `end` its own.
     With ZEROS, `Reference.update` is to be called and the step to be resumed at LEAD.
     """
     t: Any = stored[0]
     if stage == CHECK:
         look_at_contact(t, estimators[0])
+        t.silence_ns = intake.silence_of(end, t.now_ns)
         hear(t, motion[0])
         t.led = is_led(t)
         if t.late_ns >= t.runs_out_ns:
@@ -215,8 +219,7 @@ def compile_step() -> None:
     """Compile the step, and what stands the axis still, into the cache, before a slave needs it."""
     late = Lateness(ON_HARDWARE, 1_000_000).record
     record, row, link = TickRecord(), Row(SLAVE).stored, counted.Statistics().words
-    motion = NewestMotion().stored
-    decide(
-        record.stored, estimation.new_state()[0], late, late, link, motion, row, new_state(), LEAD
-    )
+    motion, end = NewestMotion().stored, intake.new_words(0, 0)
+    state, body = estimation.new_state()[0], new_state()
+    decide(record.stored, state, late, late, link, end, motion, row, body, LEAD)
     stand_at(record.tick, 0.0)
