@@ -9,9 +9,12 @@ it all, once, and becomes machine code and a file in the cache.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NoReturn
 
 from numba.core import codegen, compiler, registry, sigutils
+
+from teleop_rt.compile_lock import only_process
 
 _compile_extra: Any = compiler.compile_extra
 _Flags: Any = compiler.Flags
@@ -105,6 +108,16 @@ class Kernel(_Dispatcher):  # type: ignore[misc] # numba has no types
         """Take what numba's own dispatcher takes."""
         super().__init__(*values, **options)
         self._inner = _InnerFlavour(*values, **options)
+
+    def compile(self, sig: Any) -> Any:
+        """Load a signature's code from the cache or compile it, in one process at a time."""
+        args, _ = _normalized(sig)
+        if tuple(args) in self.overloads or self._cache.cache_path is None:
+            return super().compile(sig)
+        code = self.py_func.__code__
+        name = f"{code.co_name}-{code.co_firstlineno}.lock"
+        with only_process(Path(self._cache.cache_path) / name):
+            return super().compile(sig)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Return how a kernel calls this one."""

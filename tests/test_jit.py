@@ -1,3 +1,4 @@
+import fcntl
 import importlib.util
 import os
 import subprocess
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
-from teleop_rt import contact, jit
+from teleop_rt import compile_lock, contact, jit
 from teleop_rt.estimation import bank_kernels, cycle, solvers
 from teleop_rt.estimation.layout import WHOLE
 from teleop_rt.estimation.state import new_state
@@ -244,6 +245,36 @@ def kernel_in(tmp_path, monkeypatch):
 def test_equal_code_of_a_package_in_two_folders_is_compiled_once(kernel_in):
     first, second = (kernel_in(folder, "teleop_rt_example") for folder in ("clone", "wheel"))
     assert (hits(first), hits(first), hits(second)) == (0, 1, 1)
+
+
+@pytest.fixture
+def lock_held(kernel_in):
+    """Return a kernel's file, and the lock that a process holds which compiles that kernel."""
+    file = kernel_in("clone", "teleop_rt_example")
+    folder = jit.kernel_folder(file)
+    folder.mkdir()
+    with (folder / f"twice-{TWICE[: TWICE.index('@')].count(chr(10)) + 1}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield file, lock
+
+
+def test_a_kernel_that_another_process_compiles_is_waited_for_and_loaded(lock_held, monkeypatch):
+    file, lock = lock_held
+
+    def other_process_ends(_seconds):
+        fcntl.flock(lock, fcntl.LOCK_UN)
+        assert hits(file) == 0
+
+    monkeypatch.setattr(compile_lock.time, "sleep", other_process_ends)
+    assert hits(file) == 1
+
+
+def test_a_process_that_was_stopped_while_compiling_holds_up_no_other_for_long(
+    lock_held, monkeypatch
+):
+    file, _ = lock_held
+    monkeypatch.setattr(compile_lock, "LONGEST_WAIT_S", 0.0)
+    assert hits(file) == 0
 
 
 def test_equal_files_of_a_user_in_two_folders_never_share_code(kernel_in):
