@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import layout
 from teleop_rt.estimation import state as index
-from teleop_rt.estimation.bank_kernels import bank_run, bank_step, reset_row
+from teleop_rt.estimation.bank_kernels import bank_step, reset_row
 from teleop_rt.ids import SOLVERS
 from teleop_rt.jit import kernel
 
@@ -22,12 +22,16 @@ Counts = NDArray[np.int64]
 
 
 @kernel
-def bank_tick(one: index.StateArray, phi: Matrix, y: Vector) -> None:
-    """Advance the bank within the record `one` by one sample: the quickest call from Python."""
+def run_bank(one: index.StateArray, rows: int, phi: Matrix, y: Vector) -> None:
+    """Advance the bank within the record `one` over samples: phi (samples x rows, ...), y likewise.
+
+    One sample is the quickest call from Python; one compiled form serves a recording, too.
+    """
     state = one[0]
-    bank_step(
-        state.bank, state.bank_settings, state.active, phi, y, state.lever, state.live, layout.WHOLE
-    )
+    bank, settings, active = state.bank, state.bank_settings, state.active
+    for i in range(0, len(y), rows):
+        row, target = phi[i : i + rows], y[i : i + rows]
+        bank_step(bank, settings, active, row, target, state.lever, state.live, layout.WHOLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +131,7 @@ class Bank:
         self.restarts: Vector = self.state[:, layout.RESTARTS]
         self.count: Vector = self.state[:, layout.COUNT]
         # A partial, not a method: a tick is called from Python so often that it shows.
-        self.step: Callable[[Matrix, Vector], None] = partial(bank_tick, self._one)
+        self.step: Callable[[Matrix, Vector], None] = partial(run_bank, self._one, rows)
         self.reset()
 
     def reset(self) -> None:
@@ -138,7 +142,7 @@ class Bank:
 
     def run(self, phi: NDArray[np.float64], y: Matrix) -> None:
         """Advance every live row over a recording: phi (samples, rows, up to MAX_PARAMETERS)."""
-        bank_run(self.state, self.columns, self.active, phi, y, self.lever, self.live)
+        run_bank(self._one, len(self.y), phi.reshape(-1, phi.shape[-1]), y.reshape(-1))
 
     def _matrix(self, r: int, slot: int) -> Matrix:
         n = int(self.active[r])

@@ -48,7 +48,6 @@ from teleop_rt.estimation.layout import (
     THETA,
     WARM_UP,
     WARMING_UP,
-    WHOLE,
     Whole,
 )
 from teleop_rt.estimation.solvers import recursive_step
@@ -287,18 +286,3 @@ def bank_step(
             S[STATUS] = ESTIMATED if live[r] else HELD
         else:
             S[STATUS] = WARMING_UP
-
-
-@kernel
-def bank_run(
-    state: Matrix,
-    settings: Matrix,
-    active: Counts,
-    phi: NDArray[np.float64],
-    y: Matrix,
-    lever: Vector,
-    live: Flags,
-) -> None:
-    """Advance the bank over a recording: phi (samples, rows, MAX_PARAMETERS), y (samples, rows)."""
-    for i in range(len(y)):
-        bank_step(state, settings, active, phi[i], y[i], lever, live, WHOLE)

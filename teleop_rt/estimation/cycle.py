@@ -213,24 +213,12 @@ def estimate(state: index.BankState, whole: layout.Whole) -> None:
 
 
 @kernel
-def tick(
-    one: index.StateArray, position: float, force: float, valid: bool, whole: layout.Whole
-) -> None:
-    """Advance everything by one tick, where no effects are to be evaluated in between."""
-    if sense(one[0], position, force, valid):
-        estimate(one[0], whole)
-
-
-@kernel
 def sense_tick(one: index.StateArray, position: float, force: float, valid: bool) -> bool:
-    """Do the first half of a tick; return whether the second half has anything to do."""
+    """Do the first half of a tick, after which effects are evaluated where there are any.
+
+    Returns whether the second half has anything to do: `run_ticks` with `sensed`.
+    """
     return sense(one[0], position, force, valid)
-
-
-@kernel
-def estimate_tick(one: index.StateArray, whole: layout.Whole) -> None:
-    """Do the second half of a tick, after the effects have been evaluated."""
-    estimate(one[0], whole)
 
 
 @kernel
@@ -256,23 +244,34 @@ def keep(one: index.StateArray, signals: Vector, theta: Matrix, status: Vector) 
 @kernel
 def run_ticks(
     one: index.StateArray,
-    position: Vector,
-    force: Vector,
-    valid: Flags,
-    decimate: int,
+    positions: Vector,
+    forces: Vector,
+    valids: Flags,
     signals: Matrix,
     theta: NDArray[np.float64],
     status: Matrix,
+    decimate: int,
+    position: float,
+    force: float,
+    valid: bool,
+    sensed: bool,
     whole: layout.Whole,
 ) -> None:
-    """Run the very same tick over a recording, keeping every `decimate`-th state.
+    """Run one tick with `position`, `force`, `valid`; or where a recording is given, all of its.
 
+    One kernel serves both, for its compilation takes ten seconds. Of a tick that `sense_tick` has
+    `sensed`, it does the second half.
+    positions, forces, valids (samples,), empty for one tick; every `decimate`-th state is kept in
     signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration and
     velocity, selected row, its predicted force, force, all through one filter; theta (kept, rows,
     MAX_PARAMETERS) scaled; status (kept, rows).
     """
-    for i in range(len(position)):
-        tick(one, position[i], force[i], valid[i], whole)
-        if (i + 1) % decimate == 0:
+    recorded = len(positions)
+    for i in range(max(recorded, 1)):  # the code of a tick stands here once: it is large
+        if recorded > 0:
+            position, force, valid = positions[i], forces[i], valids[i]
+        if sensed or sense(one[0], position, force, valid):
+            estimate(one[0], whole)
+        if recorded > 0 and (i + 1) % decimate == 0:
             k = (i + 1) // decimate - 1
             keep(one, signals[k], theta[k], status[k])

@@ -17,7 +17,7 @@ from teleop_rt.estimation import layout, selection, watch
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.corrections import Corrections
-from teleop_rt.estimation.cycle import estimate_tick, keep, run_ticks, sense_tick, tick
+from teleop_rt.estimation.cycle import keep, run_ticks, sense_tick
 from teleop_rt.estimation.estimates import Places, new_places, write_estimate, write_logged
 from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
@@ -33,6 +33,10 @@ __all__ = ["Contact", "Pipeline", "PipelineSettings", "Trace"]
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
+
+_NO_SAMPLES = (np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.bool_))
+_NO_TRACE = (np.zeros((0, 8)), np.zeros((0, 0, layout.MAX_PARAMETERS)), np.zeros((0, 0)))
+_ONE_TICK = (1, 0.0, 0.0, True, False)
 
 
 class Contact(NamedTuple):
@@ -149,7 +153,7 @@ class Pipeline:
         if self._surface_motion is not None and valid:
             position += self._follow_surface(self._surface_motion, position, force)
         if self._terms is None:
-            self._tick(position, force, valid, self._whole)
+            self._tick(1, position, force, valid, False, self._whole)  # noqa: FBT003
         elif sense_tick(self._one, position, force, valid):
             one, m, q = self.settings, self._state.motion, self._state.q
             self._forget_the_approach()
@@ -161,12 +165,12 @@ class Pipeline:
                 q[index.TIME],
                 q[index.ELAPSED],
             )
-            estimate_tick(self._one, self._whole)
+            self._tick(1, position, force, valid, True, self._whole)  # noqa: FBT003
 
     @cached_property
     def _tick(self) -> Callable[..., object]:
-        """The kernel of a whole tick; a replay that runs many ticks at once needs it not."""
-        return bound(tick, (self._one,), 0.0, 0.0, False, self._whole)  # noqa: FBT003
+        """The kernel of a recording, bound to none: it runs one tick."""
+        return bound(run_ticks, (self._one, *_NO_SAMPLES, *_NO_TRACE), *_ONE_TICK, self._whole)
 
     def _follow_surface(self, motion: SurfaceMotion, position: float, force: float) -> float:
         """Return the surface's motion towards the tool, which adds to the depth."""
@@ -208,7 +212,9 @@ class Pipeline:
         ok = np.ascontiguousarray(valid, dtype=np.bool_)
         plain = self._terms is None and self._corrections is None
         if plain and self._surface_motion is None:
-            run_ticks(self._one, p, f, ok, decimate, signals, theta, status, self._whole)
+            if len(p):
+                trace = (signals, theta, status, decimate)
+                run_ticks(self._one, p, f, ok, *trace, 0.0, 0.0, True, False, self._whole)  # noqa: FBT003
         else:
             for i in range(len(p)):
                 self.update(p[i], f[i], bool(ok[i]))

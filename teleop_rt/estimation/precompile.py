@@ -25,7 +25,9 @@ from teleop_rt.jit import kernel_folder, load_compiler
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(index.new_state()[0])
 _FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
-_SAMPLE = (numba.float64, numba.float64, numba.boolean)
+_VECTOR, _MATRIX = numba.float64[::1], numba.float64[:, ::1]
+_SAMPLES = (_VECTOR, _VECTOR, numba.boolean[::1])
+_TRACE = (_MATRIX, numba.float64[:, :, ::1], _MATRIX)
 
 
 def is_compiled(whole: Whole) -> bool:
@@ -50,12 +52,18 @@ def compile_ticks(
     with _ended_at_once(second):
         second.start()
         try:
-            cast("Any", cycle.tick).compile((_STATE, *_SAMPLE, _type_of(whole)))
+            cast("Any", cycle.run_ticks).compile(types_of_ticks(whole))
             here()
         finally:
             second.join()
     if (mark := _mark(whole)) is not None:
         mark.touch()
+
+
+def types_of_ticks(whole: Whole) -> tuple[Any, ...]:
+    """Return the types of arguments for which the kernel of a tick is compiled."""
+    scalars = (numba.int64, numba.float64, numba.float64, numba.boolean, numba.boolean)
+    return (_STATE, *_SAMPLES, *_TRACE, *scalars, _type_of(whole))
 
 
 @contextmanager
