@@ -5,15 +5,17 @@ from __future__ import annotations
 import ctypes
 import errno
 import socket
+import termios
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
 
 from teleop_rt.jit import kernel
 from teleop_rt.lean_numba import numba
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
 _C_TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64}
@@ -47,11 +49,14 @@ def _error_of_c_library() -> Callable[[], Sequence[int]]:
 
 _receive = _of_c_library("recvmmsg", "int32", "int32", "int64", "int32", "int32", "int64")
 _read = _of_c_library("read", "int64", "int32", "int64", "int64")
+_ioctl = _of_c_library("ioctl", "int32", "int32", "int64", "int64")
 _send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
 _FLAGS, _SEND_FLAGS = socket.MSG_DONTWAIT, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 _MONOTONIC = time.CLOCK_MONOTONIC
+_COUNT_WAITING = termios.FIONREAD
+_COUNT_BYTES = 4
 _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
 
@@ -81,6 +86,22 @@ def read_bytes(descriptor: int, place: int, room: int) -> int:
         return -_ENDED
     code = _error()[0]
     return 0 if code in (_AGAIN, _INTERRUPTED) else -code
+
+
+@kernel
+def read_delivered(descriptor: int, memory: NDArray[np.uint8], place: int) -> int:
+    """Read what a terminal's driver has delivered into the memory at an address; return how many.
+
+    That is 0 where nothing waits, and minus an error's number where the line is gone. It is asked
+    first: even a read that must not wait does so on a terminal on which nothing is, until a worker
+    of the kernel, which has no priority, has delivered more.
+    """
+    if _ioctl(descriptor, _COUNT_WAITING, place) < 0:
+        return -_error()[0]
+    count = np.int64(0)
+    for byte in range(_COUNT_BYTES):
+        count |= np.int64(memory[byte]) << np.int64(8 * byte)
+    return read_bytes(descriptor, place, len(memory)) if count > 0 else 0
 
 
 @kernel

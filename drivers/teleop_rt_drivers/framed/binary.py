@@ -108,7 +108,7 @@ class BinaryParser:
             last = np.zeros(1, np.int64) if self._counter is None else self._counter.newest
             self._whole = WholeFrames(self._format, self._source, last)
 
-    def receive(self, descriptor: int, now_ns: int) -> int | None:
+    def receive(self, descriptor: int, now_ns: int, *, is_terminal: bool = False) -> int | None:
         """Read what waits at a descriptor and take it; return how many bytes that was.
 
         Nothing is read and None is returned where the caller is to read. Raises StreamGoneError.
@@ -116,7 +116,7 @@ class BinaryParser:
         whole = self._whole
         if whole is None or self._pending:
             return None
-        if found := whole.read(descriptor, now_ns):
+        if found := whole.read(descriptor, is_terminal, now_ns):
             self._hand_on(whole, found, now_ns)
         elif received := whole.received:
             if received < 0:

@@ -104,7 +104,7 @@ class SerialPort:
         """Read and decode once; return how many bytes that was."""
         line, parser = self._line, self._binary
         if line is not None and parser is not None and not line.empty_ns:  # no arrival is watched
-            received = parser.receive(line.descriptor, now_ns)
+            received = parser.receive(line.descriptor, now_ns, is_terminal=line.is_terminal)
             if received is not None:  # nearly always
                 return received
         data = stream.read()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import select
 import termios
@@ -16,6 +17,7 @@ from teleop_rt.axis import AxisError
 
 READ_BYTES = 4096
 VMIN = 6
+_NO_COUNT = bytes(4)
 
 
 class StreamGoneError(Exception):
@@ -74,10 +76,14 @@ class ByteStream(Protocol):
 
 
 class DescriptorStream:
-    """An open descriptor in non-blocking mode, whose end of file means that it is gone."""
+    """An open descriptor in non-blocking mode, whose end of file means that it is gone.
+
+    One that `is_terminal` is read only where something waits: see `read_delivered`.
+    """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
+        self.is_terminal = os.isatty(descriptor)
         self.kept: Arrivals = []
         self.empty_ns = self.arrived_ns = 0
 
@@ -97,20 +103,25 @@ class DescriptorStream:
 
     def read(self) -> bytes:
         """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
+        data = b""
         try:
-            data = os.read(self._descriptor, READ_BYTES)
+            if not self.is_terminal or self._waits():
+                data = os.read(self._descriptor, READ_BYTES)
+                if not data:
+                    raise StreamGoneError("end of file")
         except BlockingIOError:
-            data = b""
+            pass
         except OSError as error:
             raise StreamGoneError(str(error)) from error
-        else:
-            if not data:
-                raise StreamGoneError("end of file")
         if self.empty_ns:
             now_ns = time.monotonic_ns()
             self.arrived_ns = arrived_between(self.empty_ns, now_ns)
             self.empty_ns = now_ns
         return data
+
+    def _waits(self) -> bool:
+        """Return whether the terminal's driver has delivered something. Raises OSError."""
+        return fcntl.ioctl(self._descriptor, termios.FIONREAD, _NO_COUNT) != _NO_COUNT
 
     def write(self, data: bytes) -> bool:
         """Send; false where the bytes are not taken now. Raises StreamGoneError."""

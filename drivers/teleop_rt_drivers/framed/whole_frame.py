@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.jit import bound, kernel
 from teleop_rt.kernel_record import record_type
-from teleop_rt.realtime.system_calls import read_bytes
+from teleop_rt.realtime.system_calls import read_bytes, read_delivered
 from teleop_rt_drivers.framed import taking
 from teleop_rt_drivers.framed.format import SIZE
 from teleop_rt_drivers.framed.remainder import NONE, Bytes, StoredCheck, Table, check_of, new_check
@@ -167,11 +167,15 @@ def take_read(
     clocks: Clocks,
     memory: Bytes,
     descriptor: int,
+    is_terminal: bool,
     now_ns: int,
 ) -> int:
     """Read what waits at a descriptor into the memory and take it as `take_whole` does."""
     frame: Any = frames[0]
-    frame.received = read_bytes(descriptor, frame.place, len(memory))
+    if is_terminal:
+        frame.received = read_delivered(descriptor, memory, frame.place)
+    else:
+        frame.received = read_bytes(descriptor, frame.place, len(memory))
     if frame.received <= 0:
         return OTHER
     return take_whole(
@@ -214,7 +218,7 @@ class WholeFrames:
         self.numbers, self._memory = numbers.data, memory.data
         arrays = (*description, last, numbers, source.values, source.clocks)
         self.take = bound(take_whole, arrays, b"", 0, 0)
-        self.read = bound(take_read, (*arrays, memory), 0, 0)
+        self.read = bound(take_read, (*arrays, memory), 0, True, 0)  # noqa: FBT003
         self._counts = stored.view(np.int64).data[_RECEIVED:]
 
     @property
