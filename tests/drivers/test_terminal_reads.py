@@ -7,13 +7,16 @@ import os
 import pty
 import select
 import termios
+import time
 import tty
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from teleop_rt.realtime.system_calls import read_bytes, read_delivered
-from teleop_rt_drivers.framed.stream import VMIN, DescriptorStream, StreamGoneError
+from teleop_rt_drivers.framed import stream as stream_module
+from teleop_rt_drivers.framed.stream import VMIN, DescriptorStream, StreamGoneError, keep_arrivals
 
 
 @pytest.fixture
@@ -74,3 +77,38 @@ def test_what_is_no_terminal_is_read_until_its_end():
     with pytest.raises(StreamGoneError, match="end of file"):
         stream.read()
     stream.close()
+
+
+def test_arrivals_on_a_terminal_are_kept_without_waiting_for_it(line, monkeypatch):
+    """A terminal is never among those that are waited for; what comes lies between two looks."""
+    waited: list[list[int]] = []
+    looks = iter([b"", b"first", b"", b"second"])
+    stream = DescriptorStream(line["near"])
+    times: list[int] = []
+
+    def wait(descriptors, *_):
+        waited.append(list(descriptors))
+        times.append(time.monotonic_ns())
+        if data := next(looks, b""):
+            os.write(line["far"], data)
+            poll_ended.select([line["near"]], [], [], 10.0)
+        return [], [], []
+
+    poll_ended = SimpleNamespace(select=select.select)
+    monkeypatch.setattr(stream_module, "select", SimpleNamespace(select=wait))
+    keep_arrivals([stream], 1e-3)
+    while len(times) < 5:
+        keep_arrivals([stream], 1e-3)
+    assert [data for _, data in stream.kept] == [b"first", b"second"]
+    assert not any(waited)
+    for (arrived_ns, _), look in zip(stream.kept, (1, 3), strict=True):
+        assert times[look - 1] <= arrived_ns <= times[look + 1]
+
+
+def test_a_terminal_that_is_gone_ends_no_watch_and_is_found_by_the_next_read(line):
+    stream = DescriptorStream(line["near"])
+    os.close(line.pop("far"))
+    keep_arrivals([stream], 1e-4)
+    assert stream.kept == []
+    with pytest.raises(StreamGoneError):
+        stream.read()

@@ -18,6 +18,9 @@ from teleop_rt.axis import AxisError
 READ_BYTES = 4096
 VMIN = 6
 _NO_COUNT = bytes(4)
+_LOOKS = 8
+"""Looks at terminals while arrivals are watched: a `select` may wait longer than it is asked to, as
+a read may. Stamps deviate by 0.04 of the time that is watched, of the 0.1 that a rig counts on."""
 
 
 class StreamGoneError(Exception):
@@ -105,7 +108,7 @@ class DescriptorStream:
         """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
         data = b""
         try:
-            if not self.is_terminal or self._waits():
+            if not self.is_terminal or _waits(self._descriptor):
                 data = os.read(self._descriptor, READ_BYTES)
                 if not data:
                     raise StreamGoneError("end of file")
@@ -118,10 +121,6 @@ class DescriptorStream:
             self.arrived_ns = arrived_between(self.empty_ns, now_ns)
             self.empty_ns = now_ns
         return data
-
-    def _waits(self) -> bool:
-        """Return whether the terminal's driver has delivered something. Raises OSError."""
-        return fcntl.ioctl(self._descriptor, termios.FIONREAD, _NO_COUNT) != _NO_COUNT
 
     def write(self, data: bytes) -> bool:
         """Send; false where the bytes are not taken now. Raises StreamGoneError."""
@@ -181,20 +180,43 @@ def keep_arrivals(watched: Sequence[Watched], seconds: float) -> None:
     What is there at once came while nobody looked. What is gone is left for the next read to find.
     """
     by_descriptor = {one.descriptor: one for one in watched if one.descriptor >= 0}
+    terminals = [
+        descriptor
+        for descriptor, one in by_descriptor.items()
+        if isinstance(one, DescriptorStream) and one.is_terminal
+    ]
+    look_ns = round(1e9 * seconds / (_LOOKS if terminals else 1))
     end_ns = time.monotonic_ns() + round(1e9 * seconds)
     left_ns = 0
     while left_ns >= 0:
-        readable, _, _ = select.select(list(by_descriptor), (), (), left_ns * 1e-9)
+        others = [descriptor for descriptor in by_descriptor if descriptor not in terminals]
+        arrived, _, _ = select.select(others, (), (), min(left_ns, look_ns) * 1e-9)
+        delivered = [descriptor for descriptor in terminals if _holds(descriptor)]
         now_ns = time.monotonic_ns()
         for descriptor, one in by_descriptor.items():
-            if left_ns or not one.empty_ns or descriptor not in readable:
+            found = descriptor in delivered or (descriptor in arrived and not left_ns)
+            if not (found and one.empty_ns):
                 one.empty_ns = now_ns
-        for descriptor in readable:
+        for descriptor in (*arrived, *delivered):
             try:
                 by_descriptor[descriptor].keep()
             except StreamGoneError:
                 del by_descriptor[descriptor]
+                terminals = [one for one in terminals if one != descriptor]
         left_ns = end_ns - now_ns or -1
     for one in watched:
         if one.descriptor < 0 and not one.empty_ns:
             one.empty_ns = now_ns
+
+
+def _waits(descriptor: int) -> bool:
+    """Return whether a terminal's driver has delivered something. Raises OSError."""
+    return fcntl.ioctl(descriptor, termios.FIONREAD, _NO_COUNT) != _NO_COUNT
+
+
+def _holds(descriptor: int) -> bool:
+    """Return whether a read of a terminal finds something: bytes, or that it is gone."""
+    try:
+        return _waits(descriptor)
+    except OSError:
+        return True
