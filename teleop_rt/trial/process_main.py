@@ -87,7 +87,7 @@ def slave_main(
         configs.begun()
         last_tick = round(trial.duration_s * trial.rig.rate_hz) if arm else None
         held.goes_on = daemon.run(
-            lambda: _clock(trial.rig, held.axis), _finished(slave, should_stop, last_tick)
+            lambda: loop_clock(trial.rig, held.axis), _finished(slave, should_stop, last_tick)
         )
         if_late = _if_late(trial, granted)
         return SlaveEnd(slave_outcome(slave, endpoint, if_late), again=held.goes_on)
@@ -141,7 +141,7 @@ def _if_late(trial: TrialConfig, granted: list[Privilege]) -> str:
     return advice(granted, rig.rate_hz, rig.realtime.cpu, simulated=trial.plant is not None)
 
 
-def _clock(rig: RigConfig, axis: Axis) -> RealClock:
+def loop_clock(rig: RigConfig, axis: Axis) -> RealClock:
     """Return the loop's clock; where stamps are paired, arrivals are noted while it waits."""
     watch = getattr(axis, "watch", None) if rig.axis.paired else None
     return RealClock(rig.period_ns, round(rig.realtime.spin_us * 1e3), watch)

@@ -8,16 +8,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from teleop_rt.axis import Axis
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.keys import generate_key, load_keys
 from teleop_rt.link.transport import UdpTransport
+from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.scheduling import keep_off
 from teleop_rt.slave.slave import Slave
+from teleop_rt.trial.process_main import loop_clock
 from teleop_rt.trial.sides import make_endpoint, make_slave
 from teleop_rt_dev.paths import SILICONE
 from teleop_rt_drivers import opening, registry
@@ -66,8 +69,13 @@ def rig_alone(rig: str) -> Iterator[tuple[Axis, int]]:
 
 
 @contextmanager
-def slave_on(rig: str, rate_hz: int, *changes: str, master: bool = True) -> Iterator[Slave]:
-    """Give a configured slave on a simulated rig of this kind, not armed yet."""
+def slave_on(
+    rig: str, rate_hz: int, *changes: str, master: bool = True
+) -> Iterator[tuple[Slave, Callable[[], RealClock]]]:
+    """Give a configured slave on a simulated rig of this kind, not armed yet, and its clocks.
+
+    A clock begins when it is made; as a daemon's it notes arrivals where stamps are paired.
+    """
     sets = [f"rig=../rigs/simulated_{rig}.yaml", f"rig.rate_hz={rate_hz}", *changes]
     sets += ["link.slave_port=38211", "link.master_port=38212"]
     # The bad network is simulated where it is sent: no part of a real slave's tick.
@@ -94,7 +102,7 @@ def slave_on(rig: str, rate_hz: int, *changes: str, master: bool = True) -> Iter
             )  # fmt: skip
             slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
             slave.configure()
-            yield slave
+            yield slave, partial(loop_clock, trial.rig, axis)
         finally:
             axis.stop()
             axis.close()
