@@ -156,8 +156,9 @@ class Limits(Section):
         None,
         description=(
             "Largest stiffness of anything that the tool meets, with that of tool and mount in "
-            "series; needed where the force sensor is slower than the loop, for the force runs "
-            "ahead of it. Null where it is not known."
+            "series. Where nobody has been, the tool is no faster than lets it stand within "
+            "slave.force_cap on such a wall. Needed where the force sensor is slower than the "
+            "loop, for the force runs ahead of it. Null where it is not known."
         ),
     )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from teleop_rt.axis import AxisError
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.link.keys import KeyFileError, load_keys
+from teleop_rt.slave.guard import met_within_cap, unknown_speed
 from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
 from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
 from teleop_rt_drivers.bus_load import (
@@ -34,6 +35,7 @@ from teleop_rt_drivers.stall_check import check_stalls
 from teleop_rt_drivers.transport import DEFAULT_BIT_RATE
 
 if TYPE_CHECKING:
+    from teleop_rt.config import TrialConfig
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus_load import Load
     from teleop_rt_drivers.canopen.drive_config import ForceInputConfig
@@ -65,6 +67,26 @@ def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
         findings += check_stalls(part, rig, where)
         findings += check_line_rates(part, rig, where)
     return findings + check_stamps(rig) + check_overshoot(rig, force_cap)
+
+
+def check_first_touch(trial: TrialConfig) -> list[Finding]:
+    """State at which speed an unknown wall is met, and up to which stiffness the cap holds then."""
+    rig, cap = trial.rig, trial.slave.force_cap
+    if trial.mode != "model-mediated":
+        return []
+    limits, unit = rig.limits, rig.units
+    key = f"limits.stiffness_max_{unit.force}_per_{unit.position}"
+    of_stiffness, promise = f"{unit.force}/{unit.position}", f"slave.force_cap {cap:g} is kept"
+    if limits.stiffness_max is None:
+        fastest = limits.velocity_max
+        most = met_within_cap(rig, cap, fastest)
+        what = f"up to {most:.0f} {of_stiffness}, at up to {fastest:g} {unit.position}/s; {key} "
+        what += "would slow the tool down where nobody has been"
+    else:
+        fastest = min(limits.velocity_max, unknown_speed(rig, cap, limits.stiffness_max))
+        what = f"up to {limits.stiffness_max:g} {of_stiffness}: where nobody has been the tool is "
+        what += f"no faster than {fastest:.3g} {unit.position}/s"
+    return [Finding("ok", f"{promise} on an unknown wall of {what}", key)]
 
 
 def check_placeholders(rig: RigConfig) -> list[Finding]:

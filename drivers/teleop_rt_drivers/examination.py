@@ -19,7 +19,13 @@ from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import UNIX, open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
-from teleop_rt_drivers.check import check_link, check_network, check_placeholders, check_rig
+from teleop_rt_drivers.check import (
+    check_first_touch,
+    check_link,
+    check_network,
+    check_placeholders,
+    check_rig,
+)
 from teleop_rt_drivers.device_check import check_device
 from teleop_rt_drivers.doctor import (
     examine_axis,
@@ -44,7 +50,7 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
     rig, trial = _load(config, overrides)
     findings = check_rig(rig, None if trial is None else trial.slave.force_cap)
     if trial is not None:
-        findings += check_link(trial.link)
+        findings += check_first_touch(trial) + check_link(trial.link)
         if trial.plant is None and not isinstance(rig.axis, RecordingAxisConfig):
             findings += check_hardware_stalls(rig, "")
             if not between_processes(rig):

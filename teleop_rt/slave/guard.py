@@ -24,13 +24,22 @@ while the tool draws back, damping makes the wall look soft. A slope fades only 
 measured: a tool that stands at the cap learns nothing, and would ring each time it has forgotten.
 No guard can prevent the force of a wall that becomes stiffer around the tool, or the depth added
 until a sample shows it and the drive, commanded to go in at v, has reversed:
-F <= max(cap, F_found + k v t_turn).
+F <= max(cap, F_found + k (v t_turn + v²/2a)).
+
+So a wall must be met slowly where its stiffness is not known. A drive of the acceleration a stands
+v t + v²/2a after the wall, t being the latency from there to its braking. On a wall that is known
+the command brakes in time for the depth of DEPTH_SHARE of the cap, which a model gives, or else the
+secant at the deepest point of the last contact. Beyond the space that was verified free, and on a
+surface that was only grazed, the tool is no faster than `unknown_speed`, from which it stands
+within that share on the rig's stiffest wall; it brakes for it on its way there. A body that comes
+nearer within space that was free meets a tool that may be faster.
 """
 
 from __future__ import annotations
 
 import math
 
+from teleop_rt.config_rig import RigConfig
 from teleop_rt.jit import kernel
 from teleop_rt.slave.record import Tick, TickRecord
 
@@ -40,6 +49,8 @@ DEPTH_SHARE = 0.9
 """The share of the force cap for which the model's depth is computed: no estimate is exact."""
 PROBING_SHARE = 0.25
 """The share of the force cap up to which an unknown material is pressed."""
+DRIVE_S = 0.002
+"""By so much a drive is late: a position loop of 100 Hz follows a ramp 2 to 3 ms behind."""
 FADING_S = 0.1
 """Time constant with which the memory of a stiffer secant fades."""
 SLOPE_SHARE = 5e-4
@@ -53,8 +64,39 @@ RISE_SHARE = 0.02
 
 
 @kernel
+def stopping_speed(way: float, late_s: float, acceleration: float) -> float:
+    """Return the speed v from which a tool stands within `way`: v late + v²/2a."""
+    return 2.0 * way / (late_s + math.sqrt(late_s * late_s + 2.0 * way / acceleration))
+
+
+def latency_s(rig: RigConfig) -> float:
+    """Return the time from a force at the tool to where the drive brakes on its account."""
+    sensors, period_s = rig.sensors, rig.period_ns * 1e-9
+    slowest_hz = rig.axis.sample_rate_hz or rig.rate_hz
+    force_s = 1e-3 * (max(0.0, sensors.force_lag_ms) + sensors.force_settling_ms)
+    return force_s + max(period_s, 1.0 / slowest_hz) + period_s + DRIVE_S
+
+
+def unknown_speed(rig: RigConfig, force_cap: float, stiffness: float) -> float:
+    """Return the speed at which a wall of this stiffness may be met that nobody knows.
+
+    The tool stands within DEPTH_SHARE of the cap; it brakes from PROBING_SHARE of it on at the
+    latest.
+    """
+    way = (DEPTH_SHARE - PROBING_SHARE) * force_cap / stiffness
+    return float(stopping_speed(way, latency_s(rig), rig.limits.acceleration_max))
+
+
+def met_within_cap(rig: RigConfig, force_cap: float, speed: float) -> float:
+    """Return the stiffest unknown wall that may be met at this speed."""
+    way = speed * latency_s(rig) + speed * speed / (2.0 * rig.limits.acceleration_max)
+    return (DEPTH_SHARE - PROBING_SHARE) * force_cap / way
+
+
+@kernel
 def forget_walls(t: Tick) -> None:
     """Forget every wall."""
+    t.wall_stiffness = t.wall_force = 0.0
     t.known_surface = t.hold_at = t.slope_from = math.nan
     t.met_contact = t.waiting_for = t.slope_place = 0
     t.secant = t.slope = t.slope_from_force = 0.0
@@ -96,11 +138,42 @@ def depth_by_secant(t: Tick, depth: float, force: float) -> float:
 
 
 @kernel
+def remember_wall(t: Tick, depth: float, force: float) -> None:
+    """Keep the secant at the deepest point of the last contact that was more than grazed."""
+    if depth > 0.0 and force > max(PROBING_SHARE * t.force_cap, t.wall_force):
+        t.wall_force, t.wall_stiffness = force, force / depth
+
+
+@kernel
+def pace(t: Tick, deepest: float) -> float:
+    """Return the speed towards the environment at which what may be there can be met.
+
+    `deepest` is the depth of the cap by the model, infinite while there is none.
+    """
+    if math.isinf(t.unknown_speed):
+        return math.inf
+    known, nearest = t.surface_known > 0, t.verified_free
+    if known and nearest >= t.surface - t.tolerance:
+        if math.isfinite(deepest):
+            return math.inf
+        nearest = t.surface
+        if t.wall_stiffness > 0.0:
+            room = DEPTH_SHARE * t.force_cap / t.wall_stiffness
+            nearest += max(0.0, room - t.unknown_speed * t.unknown_speed / (2.0 * t.acceleration))
+    way = max(0.0, nearest - t.command)
+    return math.sqrt(t.unknown_speed * t.unknown_speed + 2.0 * t.acceleration * way)
+
+
+@kernel
 def meet(t: Tick, contact_id: int, acknowledged: int, command: float, surface: float) -> None:
     """Take in a contact that is new; an unexpected one is waited for."""
     known = t.known_surface
     t.met_contact = contact_id
     t.known_surface = surface
+    t.wall_force = 0.0
+    if abs(surface - known) > t.tolerance:
+        t.wall_stiffness = 0.0
+    t.secant = max(t.secant, t.wall_stiffness)
     if acknowledged >= contact_id:
         return
     if math.isnan(known) or abs(surface - known) > t.tolerance:
@@ -129,6 +202,7 @@ def guarded(
     if t.waiting_for > 0:
         target = min(target, t.hold_at)
     if math.isfinite(surface):
+        remember_wall(t, position - surface, force)
         depth_cap = min(depth_cap, depth_by_secant(t, position - surface, force))
         target = min(target, surface + depth_cap)
     ahead = force_ahead(t, position, force)
@@ -136,7 +210,9 @@ def guarded(
     if steep > 0.0 and ahead > PROBING_SHARE * t.force_cap:
         room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
         left = position + room - command
-        target = min(target, command + (left * t.turn_share if left > 0.0 else left))
+        if left > 0.0:
+            left = stopping_speed(left, TURN_S, t.acceleration) * t.period_s
+        target = min(target, command + left)
     if probing and force > PROBING_SHARE * t.force_cap:
         target = min(target, command)
     if force > t.force_cap:
@@ -195,15 +271,18 @@ class ContactGuard:
         axis_range: float,
         period_s: float,
         record: TickRecord | None = None,
+        *,
+        acceleration: float,
+        unknown_speed: float = math.inf,
     ) -> None:
         self._tick = tick = (record or TickRecord()).tick
-        tick.force_cap = force_cap
+        tick.force_cap, tick.period_s = force_cap, period_s
+        tick.acceleration, tick.unknown_speed = acceleration, unknown_speed
         tick.retreat_step = retreat_speed * period_s
         tick.fading = math.exp(-period_s / FADING_S)
         tick.tolerance = UNEXPECTED_SHARE * axis_range
         tick.slope_step, tick.slope_noticed = SLOPE_SHARE * axis_range, RISE_SHARE * force_cap
         tick.slope_count = max(1, round(TURN_S / period_s))
-        tick.turn_share = min(1.0, period_s / TURN_S)
         self.reset()
 
     def reset(self) -> None:

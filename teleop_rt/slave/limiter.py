@@ -42,8 +42,9 @@ def towards(t: Tick, target: float) -> float:
 
 @kernel
 def reachable(t: Tick, velocity: float) -> float:
-    """Return the nearest velocity within reach, limit and what the range lets brake."""
+    """Return the nearest velocity within reach, pace, limit and what the range lets brake."""
     before, step = t.command_velocity, t.velocity_step
+    velocity = min(velocity, t.pace)
     velocity = min(max(velocity, before - step), before + step)
     velocity = min(max(velocity, -t.velocity_max), t.velocity_max)
     highest = brakeable(t, t.position_max - t.command)
@@ -90,6 +91,7 @@ class Limiter:
         tick.position_min, tick.position_max = limits.position_min, limits.position_max
         tick.velocity_max = limits.velocity_max
         tick.velocity_step = limits.acceleration_max * period_s
+        tick.pace = math.inf
 
     def reset(self, position: float) -> None:
         """Start from a position at rest; a position outside the range is brought inside."""

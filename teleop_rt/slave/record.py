@@ -43,7 +43,8 @@ class Tick:
     tolerance: float
     slope_step: float
     slope_noticed: float
-    turn_share: float
+    acceleration: float
+    unknown_speed: float
     catch_up_speed: float
     homing_step: float
     has_zeros: int
@@ -105,6 +106,7 @@ class Tick:
     # Limiter, catching up and guard.
     command: float
     command_velocity: float
+    pace: float
     limited: int
     target: float
     following: int
@@ -114,6 +116,8 @@ class Tick:
     waiting_for: int
     hold_at: float
     secant: float
+    wall_stiffness: float
+    wall_force: float
     slope: float
     slope_place: int
     slope_kept: float

@@ -25,7 +25,7 @@ from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
 from teleop_rt.slave.coupling import set_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.guard import CatchUp, ContactGuard
+from teleop_rt.slave.guard import CatchUp, ContactGuard, unknown_speed
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.record import CAME_IN, TickRecord, place
@@ -86,12 +86,15 @@ class Slave:
         self._body = new_state()
         self._body_bytes = self._body.view(np.uint8).data
         self.limiter = Limiter(rig.limits, period_s, record)
+        cap, stiffest = trial.slave.force_cap, rig.limits.stiffness_max
         self.guard = ContactGuard(
-            trial.slave.force_cap,
+            cap,
             trial.slave.retreat_speed,
             rig.limits.position_max - rig.limits.position_min,
             period_s,
             record,
+            acceleration=rig.limits.acceleration_max,
+            unknown_speed=math.inf if stiffest is None else unknown_speed(rig, cap, stiffest),
         )
         CatchUp(trial.slave.retreat_speed, period_s, record)
         self._models = ModelSender(

@@ -22,7 +22,7 @@ from teleop_rt.realtime.row import Row, StoredRow
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave import coupling, faults
 from teleop_rt.slave.depth import depth_cap
-from teleop_rt.slave.guard import caught_up, guarded, retreated
+from teleop_rt.slave.guard import caught_up, guarded, pace, retreated
 from teleop_rt.slave.limiter import limit, stand_at
 from teleop_rt.slave.record import StoredTick, Tick, TickRecord
 from teleop_rt.slave.reference import joins
@@ -98,6 +98,7 @@ def followed(t: Tick) -> float:
         if t.following == 0 or t.waiting_for > 0:
             t.behind = 1
         target, deepest = caught_up(t, t.lead, t.lead_velocity, t.command), depth_cap(t)
+        t.pace = pace(t, deepest)
         acknowledged, probing = t.acknowledged, t.provisional > 0 or math.isinf(deepest)
     else:
         if t.following == 0:
@@ -121,6 +122,7 @@ def followed(t: Tick) -> float:
 @kernel
 def aim(t: Tick) -> None:
     """Set the target: where the master leads, back to the surface, or where the axis stands."""
+    t.pace = math.inf
     if t.state == _RUN:
         t.target = followed(t)
     elif t.state == _HOLD and t.silence_ns * 1e-6 > t.retreat_after_ms:

@@ -36,6 +36,7 @@ def all_notes(
     notes = notes_of(outcome, replayed)
     if adequacy["inadequate"]:
         notes.append(STRUCTURE)
+    notes += _over_cap(trial, slave)
     notes += _steps(trial, slave)
     if outcome.get("interrupted"):
         notes.append(f"interrupted after {duration_s:.2f} s of {trial.duration_s:g} s")
@@ -87,6 +88,22 @@ def _of_handle(handle: Mapping[str, Any] | None) -> list[str]:
     if handle["leash_slipped"]:
         notes.append("the hand pushed through the leash: it led the slave by more than leash_mm")
     return notes
+
+
+def _over_cap(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
+    """Return the note that the tool pressed harder than its cap: by how much, for how long."""
+    if not slave:
+        return []
+    cap, unit = trial.slave.force_cap, trial.rig.units.force
+    force = slave["force"][slave["valid"] > 0]
+    over = np.flatnonzero(force > cap)
+    if not over.size:
+        return []
+    rows = np.split(over, np.flatnonzero(np.diff(over) > 1) + 1)
+    longest_ms = 1e3 * max(map(len, rows)) / trial.rig.rate_hz
+    pressed = f"the tool pressed with {force.max():.4g} {unit}, above slave.force_cap {cap:g}"
+    why = "a wall came nearer, became stiffer around the tool, or is stiffer than "
+    return [f"{pressed}, for up to {longest_ms:g} ms at a time: {why}limits.stiffness_max says"]
 
 
 def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:

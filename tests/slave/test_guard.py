@@ -11,7 +11,7 @@ from teleop_rt.slave.step import followed
 
 
 def guard() -> ContactGuard:
-    return ContactGuard(force_cap=90.0, retreat_speed=0.1, axis_range=0.12, period_s=1e-3)
+    return ContactGuard(90.0, 0.1, 0.12, 1e-3, acceleration=math.inf)
 
 
 def update(guarding, target, **changes):
@@ -183,7 +183,7 @@ def test_a_slave_that_begins_to_follow_catches_up_no_faster_than_hand_and_retrea
 def test_a_hand_that_went_on_while_its_contact_was_waited_for_is_caught_up_with_slowly():
     """The tool was met by a body that moves; the hand is 9 mm ahead when it acknowledges that."""
     record = TickRecord()
-    guarding = ContactGuard(90.0, 0.1, 0.3, 1e-3, record)
+    guarding = ContactGuard(90.0, 0.1, 0.3, 1e-3, record, acceleration=60.0)
     CatchUp(0.1, 1e-3, record)
     tick = record.tick
     tick.mode, tick.following, tick.model = coupling.MODEL, 1, NO_MODEL
