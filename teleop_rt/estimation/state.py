@@ -191,7 +191,10 @@ _FIELDS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "frozen": (np.uint8, (MOST_ROWS,)),
     "watch": (np.float64, (N_WATCH,)),
 }
-STATE_TYPE = np.dtype([(name, *kind) for name, kind in _FIELDS.items()], align=True)
+# Of `np.record`, so that kernels that are not compiled find its fields as attributes, too.
+STATE_TYPE = np.dtype(
+    (np.record, np.dtype([(n, *kind) for n, kind in _FIELDS.items()], align=True))
+)
 StateArray = NDArray[np.void]
 
 
