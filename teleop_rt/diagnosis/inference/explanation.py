@@ -32,6 +32,7 @@ from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_na
 
 _NEARLY_AS_GOOD = 1.0 - LEAST_SHARE
 
+_NOISE_DOUBT = 0.1  # of the noise's power; the part that its estimate may err by
 _ROUNDING = 1e-12  # share of the base's energy; smaller ones are rounding errors
 
 
@@ -56,7 +57,8 @@ def explain(tried: Sequence[Scored], noise: float = 0.0) -> Explanation:
     """
     known = _by_names([_down_to_noise(one, noise) for one in tried])
     excess = max(known[frozenset()].energy - noise, 0.0)
-    parts = [(one, weight, _named_part(one, known, excess)) for one, weight in _weights(known)]
+    weights = _weights(known, noise)
+    parts = [(one, weight, _named_part(one, known, excess)) for one, weight in weights]
     naming = [one for one, _, part in parts if part]
     mass: dict[frozenset[str], float] = defaultdict(float)
     for one, weight, part in parts:
@@ -137,14 +139,17 @@ def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
     return known
 
 
-def _weights(known: Mapping[frozenset[str], Scored]) -> list[tuple[Scored, float]]:
-    """Return the posterior mass of each set.
+def _weights(
+    known: Mapping[frozenset[str], Scored], noise: float
+) -> list[tuple[Scored, float]]:
+    """Return the posterior mass of each set, by its energy above the certain part of the noise.
 
     Sets that extend a special case and gain nothing over it are left out.
     """
     sets = [one for one in known.values() if not _special_case_fits_as_well(one, known)]
-    base = known[frozenset()].energy
-    shares = [max(one.energy / base, _ROUNDING) for one in sets]
+    certain = (1.0 - _NOISE_DOUBT) * noise
+    base = known[frozenset()].energy - certain
+    shares = [max((one.energy - certain) / base, _ROUNDING) for one in sets]
     costs = [EFFECT_COST * len(one.names) for one in sets]
     scores = [
         UNKNOWN_DIRECTIONS * log(share) + cost for share, cost in zip(shares, costs, strict=True)

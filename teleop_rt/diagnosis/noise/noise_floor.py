@@ -81,11 +81,11 @@ def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> f
     """Return the largest deviation [rig's force] that noise may have in this recording.
 
     A model of slow noise may absorb a slow effect. Its estimate is therefore bounded by
-    `_LARGEST_SLOW_NOISE` or the fast noise, whichever is larger.
+    `_LARGEST_SLOW_NOISE` or the `known_noise`, whichever is larger.
     """
     slow = _LARGEST_SLOW_NOISE * float(np.std(problem.force[where > 0.0]))
-    fastest = fast_noise(problem, floor, where)
-    return min(max(slow, fastest), noise_floor(problem, fit, floor, where, (fit,)))
+    known = known_noise(problem, fit, floor, where)
+    return min(max(slow, known), noise_floor(problem, fit, floor, where, (fit,)))
 
 
 def pink_noise(problem: Problem) -> float:
