@@ -43,7 +43,11 @@ class Record:
 
 
 def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
-    """Return noise of deviation 1: white, AR1 (0.9) or pink (1/f)."""
+    """Return noise of deviation 1 at 1 kHz: white, AR1 (0.9), pink (1/f), blue or resonant.
+
+    Blue noise is the difference of white noise, resonant noise that of a mount of 30 Hz damped by
+    a twentieth.
+    """
     white = rng.standard_normal(n)
     if kind == "white":
         return white
@@ -51,6 +55,12 @@ def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
         return np.asarray(lfilter([np.sqrt(1 - 0.81)], [1.0, -0.9], rng.standard_normal(n + 200)))[
             200:
         ]
+    if kind == "blue":
+        return np.diff(rng.standard_normal(n + 1)) / np.sqrt(2.0)
+    if kind == "resonant":
+        pole = np.exp(2e-3 * np.pi * 30.0 * complex(-0.05, np.sqrt(1.0 - 0.05**2)))
+        row = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.standard_normal(2 * n))
+        return np.asarray(row[n:] / np.std(row[n:]))
     spectrum = np.fft.rfft(rng.standard_normal(2 * n))
     frequency = np.arange(spectrum.size)
     frequency[0] = 1

@@ -33,7 +33,7 @@ from teleop_rt_dev.diagnosis.motions import jumping
 from teleop_rt_dev.diagnosis.plants import Record, coloured_noise, make
 
 
-@pytest.mark.parametrize("kind", ["white", "ar1", "pink"])
+@pytest.mark.parametrize("kind", ["white", "ar1", "pink", "resonant"])
 def test_whitened_noise_has_variance_one_at_every_frequency(kind: str) -> None:
     record = make(11, (), noise=0.02, kind=kind)
     recording = from_arrays("n", record.t, record.position, record.force)
@@ -103,7 +103,7 @@ def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str
     problem, sigma = pressed_after_free_air(kind)
     fit = fit_base(problem, base_of("stiffness"))
     nothing = np.zeros((1, fit.residual.size))
-    chance = air_contact_noise(problem, nothing, problem.whitener.draws(24))
+    chance = air_contact_noise(problem, fit, nothing, problem.whitener.draws(24))
     assert chance is not None
     seeds = rng.integers(1000, 1 << 31, 40)
     drawn = [replace(fit, residual=problem.whitener.draws(1, int(seed))[0]) for seed in seeds]

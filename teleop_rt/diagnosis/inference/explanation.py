@@ -139,9 +139,7 @@ def _by_names(tried: Sequence[Scored]) -> dict[frozenset[str], Scored]:
     return known
 
 
-def _weights(
-    known: Mapping[frozenset[str], Scored], noise: float
-) -> list[tuple[Scored, float]]:
+def _weights(known: Mapping[frozenset[str], Scored], noise: float) -> list[tuple[Scored, float]]:
     """Return the posterior mass of each set, by its energy above the certain part of the noise.
 
     Sets that extend a special case and gain nothing over it are left out.

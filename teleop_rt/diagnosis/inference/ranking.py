@@ -170,7 +170,7 @@ class Ranking:
     def _noise_ratio(self) -> AirContactNoise | None:
         if not self.base.model.base.touches:
             return None
-        return air_contact_noise(self.problem, self.rows, self.problem.flexible.noise)
+        return air_contact_noise(self.problem, self.base, self.rows, self.problem.flexible.noise)
 
     @cached_property
     def _base_tangent_space(self) -> Matrix:

@@ -28,7 +28,7 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
-from teleop_rt.diagnosis.noise.noise_floor import in_free_air, largest_noise, pink_noise
+from teleop_rt.diagnosis.noise.noise_floor import bounded_noise, fast_noise, noise_in_air
 from teleop_rt.diagnosis.noise.structure import (
     lack_of_fit,
     noise_from,
@@ -191,16 +191,14 @@ def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:
 def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
     """Return whether the base's residual is far larger than any noise of this recording.
 
-    1/f noise as large as the fast noise lets expect, and as free air shows, is noise whatever its
-    share of the force.
+    Noise that free air shows is noise whatever its share of the force.
     """
     where = held_out.counted(problem, base)
     left = (problem.force - held_out.predict(problem, base))[where > 0.0]
     if not left.size:
         return False
-    most = EXCESS_NOISE_RATIO * largest_noise(problem, base, floor, where)
-    air = in_free_air(problem, base)
-    in_air = min(float(np.sqrt(air)), pink_noise(problem)) if np.isfinite(air) else 0.0
+    fast, in_air = fast_noise(problem, floor, where), noise_in_air(problem, base)
+    most = EXCESS_NOISE_RATIO * bounded_noise(problem, base, floor, where, fast)
     return bool(np.sqrt(np.mean(left**2)) > max(most, REDRAWN_NOISE_RATIO * in_air))
 
 

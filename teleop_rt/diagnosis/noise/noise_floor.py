@@ -11,11 +11,17 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
-from teleop_rt.diagnosis.noise.structure import air_and_contact, noise_from, pressed_all_along
+from teleop_rt.diagnosis.noise.structure import (
+    air_and_contact,
+    fast_noise_ratio,
+    noise_from,
+    pressed_all_along,
+)
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.rows import force_noise
+from teleop_rt.diagnosis.samples.rows import force_noise, robust_deviation
 
+_QUICK_S = 0.1  # s; slower forces in free air may be those of an effect
 _FAST_OF_PINK = 1.29  # the integral of (2 sin(pi u))^6 / (20 u) up to u = 1/2
 _LARGEST_SLOW_NOISE = 0.05  # of the force's deviation; no sensor or amplifier drifts by more
 
@@ -73,8 +79,7 @@ def known_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> flo
 
     In free air it is the residual of `fit`; `floor` and `where` are those of `noise_floor`.
     """
-    fast, air = fast_noise(problem, floor, where), in_free_air(problem, fit)
-    return max(fast, float(np.sqrt(air))) if np.isfinite(air) else fast
+    return max(fast_noise(problem, floor, where), noise_in_air(problem, fit))
 
 
 def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
@@ -83,9 +88,37 @@ def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> f
     A model of slow noise may absorb a slow effect. Its estimate is therefore bounded by
     `_LARGEST_SLOW_NOISE` or the `known_noise`, whichever is larger.
     """
+    return bounded_noise(problem, fit, floor, where, known_noise(problem, fit, floor, where))
+
+
+def bounded_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector, known: float) -> float:
+    """Return the `noise_floor`, at most `_LARGEST_SLOW_NOISE` or the `known` deviation."""
     slow = _LARGEST_SLOW_NOISE * float(np.std(problem.force[where > 0.0]))
-    known = known_noise(problem, fit, floor, where)
     return min(max(slow, known), noise_floor(problem, fit, floor, where, (fit,)))
+
+
+def noise_in_air(problem: Problem, fit: Fit) -> float:
+    """Return the deviation [rig's force] of the noise that free air shows; 0 without free air.
+
+    Of the residual of `fit` there, what changes within `_QUICK_S` is noise of any colour, and so is
+    1/f noise with the fast noise of this force. The rest may be an effect, such as a friction.
+    """
+    air = float(np.sqrt(in_free_air(problem, fit)))
+    return min(air, max(pink_noise(problem), _quick(problem, fit))) if np.isfinite(air) else 0.0
+
+
+def _quick(problem: Problem, fit: Fit) -> float:
+    """Return the deviation of what the residual in free air changes by within `_QUICK_S`.
+
+    Medians of its differences at several distances leave out rare jumps, as at reversals.
+    """
+    air, _ = air_and_contact(problem)
+    rest = problem.force - predict(problem, fit)
+    lags = 2 ** np.arange(max(int(np.log2(max(_QUICK_S / problem.motion.dt, 1.0))), 0) + 1)
+    pairs = ((air[lag:] & air[:-lag], rest[lag:] - rest[:-lag]) for lag in lags.tolist())
+    changes = [robust_deviation(change[both]) for both, change in pairs if np.any(both)]
+    ratio = fast_noise_ratio(problem, fit)
+    return max(changes, default=0.0) * float(np.sqrt(0.5 * ratio))
 
 
 def pink_noise(problem: Problem) -> float:
@@ -99,15 +132,16 @@ def pink_noise(problem: Problem) -> float:
 
 
 def in_free_air(problem: Problem, fit: Fit) -> float:
-    """Return the mean square of the model's residual in free air; infinite without free air.
+    """Return the mean square of the noise in contact that free air shows; infinite without it.
 
-    It is at least the quantisation error of the force, which may be constant in free air.
+    It is that of the model's residual in free air, times the `fast_noise_ratio`, and at least the
+    quantisation error of the force, which may be constant in free air.
     """
     if not fit.model.base.touches or pressed_all_along(problem):
         return float(np.inf)
     air, _ = air_and_contact(problem)
     left = float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
-    return max(left, problem.force_step**2 / 12.0)
+    return max(left * fast_noise_ratio(problem, fit), problem.force_step**2 / 12.0)
 
 
 def _energy(rows: Matrix, whitener: Whitener) -> float:

@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 
 FREE_AIR = 0.05  # of the samples; less free air does not show the noise
 _NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
+_STRETCH = 32  # samples, over which the level of fast noise is even
 _AT_BOUND = 1e-6  # of a parameter's range
 _EVEN_LOG_RATIO = float(np.log(1.2))  # of powers in contact and in air; less is no difference
 _CHANCE_SIGMAS = 3.0  # standard deviations of that ratio, or of encoder errors, by chance
@@ -135,13 +136,35 @@ def pressed_all_along(problem: Problem) -> bool:
     return bool(np.count_nonzero(air) < FREE_AIR * air.size)
 
 
-def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirContactNoise | None:
+def fast_noise_ratio(problem: Problem, fit: Fit) -> float:
+    """Return the power of the fastest noise in contact over that in free air, at least 1.
+
+    The noise of a sensor or drive may grow with its force. The fastest part, the third differences
+    of the residual of `fit`, contains almost nothing else. It is 1 without enough of either.
+    """
+    third = np.diff(problem.force - force_of(fit.model, problem.motion, fit.zeta, fit.theta), 3)
+    powers = []
+    for inside in air_and_contact(problem):
+        chosen = third[inside[:-3] & inside[1:-2] & inside[2:-1] & inside[3:]]
+        stretches = chosen[: chosen.size // _STRETCH * _STRETCH].reshape(-1, _STRETCH)
+        if chosen.size < max(FREE_AIR * inside.size, _STRETCH):
+            return 1.0
+        # The median of a stretch leaves out jumps; their mean follows the force.
+        powers.append(float(np.mean(np.median(np.abs(stretches), axis=1) ** 2)))
+    air, touch = powers
+    return touch / air if touch > np.exp(_EVEN_LOG_RATIO) * air > 0.0 else 1.0
+
+
+def air_contact_noise(
+    problem: Problem, base: Fit, floor: Matrix, noise: Matrix
+) -> AirContactNoise | None:
     """Return the statistics of the difference between contact and free air by chance.
 
-    `noise` are whitened draws of the noise, of which the sensor's is the same in both; errors of
-    the encoder (`floor`, see `input_floor`) are felt in contact, and so are those of the steps in
-    which a force is read that in the air is always the same. Of slow noise a stretch of free air
-    holds few independent values, so the ratio is drawn. None without enough free air.
+    `noise` are whitened draws of the noise, of which the sensor's is the same in both, or larger in
+    contact by the `fast_noise_ratio`; errors of the encoder (`floor`, see `input_floor`) are felt
+    in contact, and so are those of the steps in which a force is read that in the air is always the
+    same. Of slow noise a stretch of free air holds few independent values, so the ratio is drawn.
+    None without enough free air.
     """
     whitener = problem.whitener
     air, touch = air_and_contact(problem)
@@ -155,7 +178,7 @@ def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirCont
     return AirContactNoise(
         air,
         touch,
-        float(np.mean(ratios)),
+        float(np.mean(ratios) + np.log(fast_noise_ratio(problem, base))),
         float(np.std(ratios)),
         float(np.mean(errors)) + by_steps,
         float(np.std(errors)),

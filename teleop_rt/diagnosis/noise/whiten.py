@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.noise import slow
-from teleop_rt.jit import kernel
+from teleop_rt.diagnosis.noise.colours import Spectrum, density_of
 
 Matrix = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -19,17 +19,12 @@ BAND_HZ = 250.0  # Hz; motions of hand and rig, and what they excite, lie below
 _LINE_POWER_RATIO = 5.0  # times the typical power of a bin; a larger power is a line, no noise
 # Longest hole that a line bridges, in samples and in s: slower signals pass unchanged.
 _BRIDGED_SAMPLES, _BRIDGED_S = 4, 4e-3
-_UPDATES = 400  # rounds in which the weights of the colours settle
-_VANISHING_WEIGHT = 1e-3  # of all weights; a colour with less does not count
-_GROUPS = 60  # of bins, ever wider, by which a spectrum is compared
+_GROUPS = 120  # of bins, ever wider, by which a spectrum is compared
 _SUPPORTING_BINS = 8.0  # bins that determine the noise level; below them it is extrapolated
-_POWERS = (0.5, 1.0, 1.5, 2.0)  # of 1/f; from flicker to a random walk
 _LOWEST_OCTAVE_BINS = 8  # bins of the lowest octave in which noise is bounded
 _LARGEST_DENSITY_RATIO = 4.0  # times the residual power of an octave that noise may have
 _LOWEST_BIN = 0.25
 """The mean of a recording is attributed to two octaves below one period of it."""
-# No lower corner: the fit absorbs the lowest bins, so no data support a flat density there.
-_CORNERS_HZ = (15.0, 50.0)
 
 
 @dataclass(frozen=True)
@@ -177,22 +172,14 @@ class Left(NamedTuple):
 def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitener:
     """Return a whitener for the noise in the residual of a fit.
 
-    `noise` is the residual without structure, `whole` with it. The density is a sum of white,
-    1/f and first-order coloured noises (and of their rates) with weights >= 0, by Whittle's
-    likelihood, on top of the part that is known: so it extrapolates to the low bins that the
-    fit has absorbed, where a free curve has no data. Narrow lines are clipped as signals. The
-    density is bounded by a multiple of the whole residual.
+    `noise` is the residual without structure, `whole` with it. The density is a sum of few shapes
+    (`colours`) on top of the part that is known: so it extrapolates to the low bins that the fit
+    has absorbed, where a free curve has no data. Narrow lines are clipped as signals. The density
+    is bounded by a multiple of the whole residual.
     """
     kept = noise.kept(whitener)
     power = noise.power(whitener) / np.maximum(kept, 0.05)
     frequency = np.maximum(np.arange(whitener.bins), _LOWEST_BIN) / (whitener.mask.size * dt)
-    shapes = np.array(
-        [np.ones_like(frequency)]
-        + [frequency**-a for a in _POWERS]
-        + [1.0 / (1.0 + (frequency / f) ** 2) for f in _CORNERS_HZ]
-        + [frequency**2]
-    )
-    shapes /= np.mean(shapes, axis=1, keepdims=True)
     starts, sizes = _groups(whitener.bins)
     weight = np.add.reduceat(kept, starts)
     typical = np.array(
@@ -201,8 +188,11 @@ def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitene
             for p, w in zip(*(np.split(r, starts[1:]) for r in (power, kept)), strict=True)
         ]
     )
-    grouped, known = (np.add.reduceat(r, starts, axis=-1) / sizes for r in (shapes, whitener.known))
-    sensor = _likeliest_mixture(grouped, typical, weight, known) @ shapes
+
+    def grouped(rows: Matrix) -> Matrix:
+        return np.asarray(np.add.reduceat(rows, starts, axis=-1) / sizes)
+
+    sensor = density_of(frequency, Spectrum(typical, weight, grouped(whitener.known)), grouped)
     density = sensor + whitener.known
     # Below the bins that the fit has left, noise is assumed to rise no faster than 1/f.
     seen = min(int(np.searchsorted(np.cumsum(kept), _SUPPORTING_BINS)), whitener.bins - 1)
@@ -240,59 +230,3 @@ def _typical(power: Vector, weight: Vector) -> float:
     # The mean of min(E, clip) for a unit exponential E, so that clipping does not bias.
     mean = 1.0 - float(np.exp(-_LINE_POWER_RATIO))
     return float(np.minimum(power, top) @ share) / mean
-
-
-def _likeliest_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
-    """Return the weights of all `shapes`, or of the first (white) alone if others earn too little.
-
-    Schwarz's criterion decides: chance may give white noise a colour, which would weight the
-    lowest bins, those of the motion, wrongly.
-    """
-    candidates = []
-    for last in (1, len(shapes)):
-        share = np.zeros(len(shapes))
-        share[:last] = _positive_mixture(shapes[:last], power, weight, known)
-        density = share @ shapes + known
-        misfit = 2.0 * float(np.sum(weight * (np.log(density) + power / density)))
-        colours = np.count_nonzero(share[1:] > _VANISHING_WEIGHT * share.sum())
-        candidates.append((misfit + max(colours, last > 1) * np.log(weight.sum()), share))
-    return min(candidates, key=lambda c: c[0])[1]
-
-
-def _positive_mixture(shapes: Matrix, power: Vector, weight: Vector, known: Vector) -> Vector:
-    """Return the weights of `shapes` whose sum, and the known power, most likely gave the power.
-
-    Multiplicative updates (Itakura and Saito's divergence) keep the weights positive and let
-    those that are not needed vanish.
-    """
-    share = np.full(shapes.shape[0], max(float(np.median(power)), 1e-300) / shapes.shape[0])
-    _update(share, shapes, power, weight, known, np.empty_like(share), np.empty_like(share))
-    return share
-
-
-@kernel
-def _update(
-    share: Vector,
-    shapes: Matrix,
-    power: Vector,
-    weight: Vector,
-    known: Vector,
-    wanted: Vector,
-    had: Vector,
-) -> None:
-    for _ in range(_UPDATES):
-        wanted[:] = had[:] = 0.0
-        for i in range(power.size):
-            density = known[i]
-            for j in range(share.size):
-                density += share[j] * shapes[j, i]
-            part = weight[i] / density
-            for j in range(share.size):
-                had[j] += shapes[j, i] * part
-                wanted[j] += shapes[j, i] * part * power[i] / density
-        most = 0.0
-        for j in range(share.size):
-            share[j] *= wanted[j] / had[j]
-            most = max(most, share[j])
-        for j in range(share.size):
-            share[j] = max(share[j], 1e-12 * most)
