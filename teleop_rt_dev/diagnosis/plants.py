@@ -45,11 +45,11 @@ class Record:
 def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
     """Return noise of deviation 1 at 1 kHz: white, AR1 (0.9), pink (1/f), blue or resonant.
 
-    Blue noise is the difference of white noise, resonant noise that of a mount of 30 Hz damped by
-    a twentieth.
+    Blue noise is the difference of white noise. Resonant noise is that of a mount of 30 Hz damped
+    by a twentieth, on white noise a tenth as strong.
     """
     white = rng.standard_normal(n)
-    if kind == "white":
+    if kind in {"white", "growing"}:
         return white
     if kind == "ar1":
         return np.asarray(lfilter([np.sqrt(1 - 0.81)], [1.0, -0.9], rng.standard_normal(n + 200)))[
@@ -60,7 +60,7 @@ def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
     if kind == "resonant":
         pole = np.exp(2e-3 * np.pi * 30.0 * complex(-0.05, np.sqrt(1.0 - 0.05**2)))
         row = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.standard_normal(2 * n))
-        return np.asarray(row[n:] / np.std(row[n:]))
+        return np.asarray(np.sqrt(0.9) * row[n:] / np.std(row[n:]) + np.sqrt(0.1) * white)
     spectrum = np.fft.rfft(rng.standard_normal(2 * n))
     frequency = np.arange(spectrum.size)
     frequency[0] = 1
@@ -126,11 +126,15 @@ class SyntheticPlant:
         return np.asarray(force + self.sensor)
 
     def record(self, truth: tuple[str, ...], noise: float, kind: str = "white") -> Record:
-        """Measure at 1 kHz with a 5 um encoder and noise of `noise` times the force's deviation."""
+        """Measure at 1 kHz with a 5 um encoder and noise of `noise` times the force's deviation.
+
+        Of the kind `growing` it is a tenth of that in free air, and grows with the force.
+        """
         clean = self.true_force()[::DECIMATE]
         x = 5e-6 * np.round(self.x[::DECIMATE] / 5e-6)
         sigma = noise * self.level
-        force = clean + sigma * coloured_noise(self.rng, kind, clean.size)
+        growth = 0.1 + np.abs(clean) / self.level if kind == "growing" else 1.0
+        force = clean + sigma * growth * coloured_noise(self.rng, kind, clean.size)
         if "outliers" in truth:
             hit = self.rng.random(clean.size) < 0.004
             force = force + hit * self.rng.choice([-1, 1], clean.size) * self.rng.uniform(
