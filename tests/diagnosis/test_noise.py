@@ -103,7 +103,7 @@ def test_noise_is_as_loud_in_a_short_stretch_of_free_air_as_in_contact(kind: str
     problem, sigma = pressed_after_free_air(kind)
     fit = fit_base(problem, base_of("stiffness"))
     nothing = np.zeros((1, fit.residual.size))
-    chance = air_contact_noise(problem, fit, nothing, problem.whitener.draws(24))
+    chance = air_contact_noise(problem, nothing, problem.whitener.draws(24))
     assert chance is not None
     seeds = rng.integers(1000, 1 << 31, 40)
     drawn = [replace(fit, residual=problem.whitener.draws(1, int(seed))[0]) for seed in seeds]

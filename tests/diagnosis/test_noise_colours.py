@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -25,3 +26,17 @@ def test_noise_of_an_instrument_is_no_missing_effect(seed: int, kind: str) -> No
 @pytest.mark.parametrize(("seed", "kind"), [(4, "resonant"), (3, "growing")])
 def test_a_bias_is_named_in_the_noise_of_an_instrument(seed: int, kind: str) -> None:
     assert answer(seed, ("force_bias",), kind) == ("named", [["force_bias"]])
+
+
+def test_noise_that_grows_with_the_force_is_no_saturation() -> None:
+    """It is largest at the largest forces, where a saturation acts."""
+    rng = np.random.default_rng(7)
+    dt = 0.01
+    t = dt * np.arange(1500)
+    tones = [np.sin(2.0 * np.pi * rng.uniform(0.2, 1.5) * t + rng.uniform(0, 6)) for _ in range(4)]
+    x = sum(0.004 / (i + 1) * tone for i, tone in enumerate(tones))
+    force = 800.0 * x + 4.0 * np.gradient(x, dt)
+    force += 0.03 * np.abs(force) * rng.standard_normal(t.size)
+    force += 0.002 * np.std(force) * rng.standard_normal(t.size)
+    recording = from_arrays("growing", t, 2e-6 * np.round(x / 2e-6), force)
+    assert diagnose(recording, "spring,viscous,bias").answer["verdict"] == "no_missing_effect"

@@ -27,10 +27,12 @@ from teleop_rt.diagnosis.noise.encoder import (
 )
 from teleop_rt.diagnosis.noise.structure import (
     AirContactNoise,
+    LackOfFit,
     air_contact_mismatch,
     air_contact_noise,
     at_bounds,
     lack_of_fit,
+    power_in_time,
     tangent_space,
 )
 from teleop_rt.diagnosis.noise.whiten import Matrix
@@ -103,23 +105,39 @@ class Ranking:
             along,
             made,
             tone_or_air_force=separate,
-            noise_per_direction=self._noise_per_direction(fit, own),
+            noise_per_direction=self._noise_per_direction(fit, own, left),
         )
 
-    def _noise_per_direction(self, fit: Fit, own: Matrix) -> float | None:
-        """Return the noise energy in each direction that a fit adds; None if a shape was searched.
+    def _noise_per_direction(self, fit: Fit, own: Matrix, left: LackOfFit) -> float:
+        """Return the noise energy in each direction that a fit adds.
 
-        Red noise has more energy along slow directions, and a searched shape finds more of it.
-        Beside a tone the residual itself shows it. `own` is the fit's tangent space.
+        Red noise has more energy along slow directions, and a searched shape finds more of it: the
+        mean of all directions counts then, at the level of the noise where the effect acts. Beside
+        a tone the residual itself shows it. `own` is the fit's tangent space.
         """
         if (beside := noise_beside_tone(self.problem, fit)) is not None:
             return max(beside, 1.0)
         added = own.shape[1] - self._base_tangent_space.shape[1]
         if added < 1 or any(effect.shapes for effect in fit.model.effects):
-            return None
+            return left.noise_per_direction * self._louder_along(own)
         noise = self.problem.flexible.noise
         energy = np.sum((noise @ own) ** 2) - np.sum((noise @ self._base_tangent_space) ** 2)
         return float(max(energy / (added * len(noise)), 1.0))
+
+    def _louder_along(self, own: Matrix) -> float:
+        """Return the power of the noise along the added directions, over that of all; at least 1.
+
+        `own` is the tangent space of a fit, of which the base's is no part.
+        """
+        level = self.problem.whitener.level
+        if np.all(level == 1.0):
+            return 1.0
+        base = self._base_tangent_space
+        along, usual = (
+            np.average(level**2, weights=sum(power_in_time(self.problem, row) for row in rows.T))
+            for rows in (own - base @ (base.T @ own), self.problem.flexible.directions)
+        )
+        return max(float(along / usual), 1.0)
 
     def _encoder_energy_of_effects(self, fit: Fit, own: Matrix) -> float:
         """Return the energy in the structure of encoder errors that pass through the effects alone.
@@ -170,7 +188,7 @@ class Ranking:
     def _noise_ratio(self) -> AirContactNoise | None:
         if not self.base.model.base.touches:
             return None
-        return air_contact_noise(self.problem, self.base, self.rows, self.problem.flexible.noise)
+        return air_contact_noise(self.problem, self.rows, self.problem.flexible.noise)
 
     @cached_property
     def _base_tangent_space(self) -> Matrix:

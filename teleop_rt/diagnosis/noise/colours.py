@@ -95,7 +95,7 @@ def _likeliest(shapes: Matrix, spectrum: Spectrum, resonances: int) -> _Mixture:
     candidates = []
     for last in (1, len(shapes)) if not resonances else (len(shapes),):
         share = np.zeros(len(shapes))
-        share[:last] = _positive_mixture(shapes[:last], spectrum)
+        share[:last] = positive_mixture(shapes[:last], spectrum)
         density = share @ shapes + known
         misfit = 2.0 * float(np.sum(weight * (np.log(density) + power / density)))
         colours = np.count_nonzero(share[1:] > _VANISHING_WEIGHT * share.sum()) + 2 * resonances
@@ -104,7 +104,7 @@ def _likeliest(shapes: Matrix, spectrum: Spectrum, resonances: int) -> _Mixture:
     return min(candidates, key=lambda one: one.criterion)
 
 
-def _positive_mixture(shapes: Matrix, spectrum: Spectrum) -> Vector:
+def positive_mixture(shapes: Matrix, spectrum: Spectrum) -> Vector:
     """Return the weights of `shapes` whose sum, and the known power, most likely gave the power.
 
     Multiplicative updates (Itakura and Saito's divergence) keep the weights positive and let

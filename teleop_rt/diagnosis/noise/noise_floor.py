@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
 from teleop_rt.diagnosis.noise.structure import (
     air_and_contact,
-    fast_noise_ratio,
+    louder_in_contact,
     noise_from,
     pressed_all_along,
 )
@@ -117,7 +117,7 @@ def _quick(problem: Problem, fit: Fit) -> float:
     lags = 2 ** np.arange(max(int(np.log2(max(_QUICK_S / problem.motion.dt, 1.0))), 0) + 1)
     pairs = ((air[lag:] & air[:-lag], rest[lag:] - rest[:-lag]) for lag in lags.tolist())
     changes = [robust_deviation(change[both]) for both, change in pairs if np.any(both)]
-    ratio = fast_noise_ratio(problem, fit)
+    ratio = louder_in_contact(problem)
     return max(changes, default=0.0) * float(np.sqrt(0.5 * ratio))
 
 
@@ -134,14 +134,14 @@ def pink_noise(problem: Problem) -> float:
 def in_free_air(problem: Problem, fit: Fit) -> float:
     """Return the mean square of the noise in contact that free air shows; infinite without it.
 
-    It is that of the model's residual in free air, times the `fast_noise_ratio`, and at least the
+    It is that of the model's residual in free air, times the ratio of its levels, and at least the
     quantisation error of the force, which may be constant in free air.
     """
     if not fit.model.base.touches or pressed_all_along(problem):
         return float(np.inf)
     air, _ = air_and_contact(problem)
     left = float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
-    return max(left * fast_noise_ratio(problem, fit), problem.force_step**2 / 12.0)
+    return max(left * louder_in_contact(problem), problem.force_step**2 / 12.0)
 
 
 def _energy(rows: Matrix, whitener: Whitener) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,12 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
+from teleop_rt.diagnosis.noise.level import level_of
 from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
 
 FREE_AIR = 0.05  # of the samples; less free air does not show the noise
 _NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact
-_STRETCH = 32  # samples, over which the level of fast noise is even
 _AT_BOUND = 1e-6  # of a parameter's range
 _EVEN_LOG_RATIO = float(np.log(1.2))  # of powers in contact and in air; less is no difference
 _CHANCE_SIGMAS = 3.0  # standard deviations of that ratio, or of encoder errors, by chance
@@ -27,13 +27,15 @@ _CHANCE_SIGMAS = 3.0  # standard deviations of that ratio, or of encoder errors,
 class LackOfFit:
     """Energy of the residual in the flexible description, above that of the noise.
 
-    `noise_per_direction` is the energy of the noise in each of the `rank` directions.
+    `noise_per_direction` is the energy of the noise in each of the `rank` directions, `scatter` the
+    deviation of its energy in all of them.
     """
 
     excess: float
     rank: int
     doubt: float = 0.0
     noise_per_direction: float = 1.0
+    scatter: float = 0.0
 
     @property
     def deviation(self) -> float:
@@ -42,7 +44,8 @@ class LackOfFit:
         It combines chance and the relative uncertainty (`doubt`) of the subtracted noise.
         """
         rank = max(self.rank, 1)
-        return self.noise_per_direction * float(np.hypot(np.sqrt(2.0 * rank), self.doubt * rank))
+        by_chance = max(self.noise_per_direction * float(np.sqrt(2.0 * rank)), self.scatter)
+        return float(np.hypot(by_chance, self.noise_per_direction * self.doubt * rank))
 
 
 def _doubt(whitener: Whitener) -> float:
@@ -101,7 +104,13 @@ def lack_of_fit(problem: Problem, fit: Fit, own: Matrix) -> LackOfFit:
     """
     inside, by_chance, rank = problem.flexible.energy_beside_noise(fit.residual, own)
     expected = max(float(np.mean(by_chance)), float(rank))
-    return LackOfFit(inside - expected, rank, _doubt(problem.whitener), expected / max(rank, 1))
+    return LackOfFit(
+        inside - expected,
+        rank,
+        _doubt(problem.whitener),
+        expected / max(rank, 1),
+        float(np.std(by_chance)),
+    )
 
 
 @dataclass(frozen=True)
@@ -136,35 +145,22 @@ def pressed_all_along(problem: Problem) -> bool:
     return bool(np.count_nonzero(air) < FREE_AIR * air.size)
 
 
-def fast_noise_ratio(problem: Problem, fit: Fit) -> float:
-    """Return the power of the fastest noise in contact over that in free air, at least 1.
+def louder_in_contact(problem: Problem) -> float:
+    """Return the power of the noise in contact over that in free air, at least 1.
 
-    The noise of a sensor or drive may grow with its force. The fastest part, the third differences
-    of the residual of `fit`, contains almost nothing else. It is 1 without enough of either.
+    It is larger where the noise grows with the force.
     """
-    third = np.diff(problem.force - force_of(fit.model, problem.motion, fit.zeta, fit.theta), 3)
-    powers = []
-    for inside in air_and_contact(problem):
-        chosen = third[inside[:-3] & inside[1:-2] & inside[2:-1] & inside[3:]]
-        stretches = chosen[: chosen.size // _STRETCH * _STRETCH].reshape(-1, _STRETCH)
-        if chosen.size < max(FREE_AIR * inside.size, _STRETCH):
-            return 1.0
-        # The median of a stretch leaves out jumps; their mean follows the force.
-        powers.append(float(np.mean(np.median(np.abs(stretches), axis=1) ** 2)))
-    air, touch = powers
-    return touch / air if touch > np.exp(_EVEN_LOG_RATIO) * air > 0.0 else 1.0
+    air, touch = (np.mean(problem.whitener.level[one] ** 2) for one in air_and_contact(problem))
+    return max(float(touch / air), 1.0)
 
 
-def air_contact_noise(
-    problem: Problem, base: Fit, floor: Matrix, noise: Matrix
-) -> AirContactNoise | None:
+def air_contact_noise(problem: Problem, floor: Matrix, noise: Matrix) -> AirContactNoise | None:
     """Return the statistics of the difference between contact and free air by chance.
 
-    `noise` are whitened draws of the noise, of which the sensor's is the same in both, or larger in
-    contact by the `fast_noise_ratio`; errors of the encoder (`floor`, see `input_floor`) are felt
-    in contact, and so are those of the steps in which a force is read that in the air is always the
-    same. Of slow noise a stretch of free air holds few independent values, so the ratio is drawn.
-    None without enough free air.
+    `noise` are whitened draws of the noise, of which the sensor's is at its `level` in both; errors
+    of the encoder (`floor`, see `input_floor`) are felt in contact, and so are those of the steps
+    in which a force is read that in the air is always the same. Of slow noise a stretch of free air
+    holds few independent values, so the ratio is drawn. None without enough free air.
     """
     whitener = problem.whitener
     air, touch = air_and_contact(problem)
@@ -178,7 +174,7 @@ def air_contact_noise(
     return AirContactNoise(
         air,
         touch,
-        float(np.mean(ratios) + np.log(fast_noise_ratio(problem, base))),
+        float(np.mean(ratios)),
         float(np.std(ratios)),
         float(np.mean(errors)) + by_steps,
         float(np.std(errors)),
@@ -226,4 +222,6 @@ def noise_from(problem: Problem, fit: Fit) -> Whitener:
     own = tangent_space(problem, fit)
     left, taken = problem.flexible.beside(fit.residual, own)
     whole = whiten.Left(fit.residual, np.sum(own**2, axis=1))
-    return whiten.estimate(whiten.Left(left, taken), whole, problem.whitener, problem.motion.dt)
+    found = whiten.estimate(whiten.Left(left, taken), whole, problem.whitener, problem.motion.dt)
+    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    return replace(found, level=level_of(problem.force - clean, clean, found.mask > 0.0))

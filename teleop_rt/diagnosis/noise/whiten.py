@@ -37,13 +37,15 @@ class Whitener:
     and imaginary parts stand side by side, so scalar products are those of real vectors. Spectra
     need no model order, and reach 1/f noise down to the lowest bin. They take a recording to begin
     where it ends, which red noise does not: see `slow`. `known` is the part of the density that the
-    encoder's errors make.
+    encoder's errors make. `level` is the deviation of the noise at each sample, over its root mean
+    square (see `level`): spectra take it to be even, draws follow it.
     """
 
     mask: Vector
     density: Vector
     known: Vector
     bridged: int
+    level: Vector
 
     @property
     def bins(self) -> int:
@@ -124,7 +126,7 @@ class Whitener:
         longer = 1 if self._slow is None else 2
         colour = np.sqrt(slow.finer(self.density, size, longer) / size)
         noise = rng.standard_normal((number, longer * size))
-        return self(np.fft.irfft(np.fft.rfft(noise) * colour, longer * size)[:, :size])
+        return self(self.level * np.fft.irfft(np.fft.rfft(noise) * colour, longer * size)[:, :size])
 
 
 def band_bins(samples: int, dt: float, edge_hz: float = BAND_HZ) -> int:
@@ -137,7 +139,9 @@ def white(mask: Vector, deviation: float, dt: float, edge_hz: float = BAND_HZ) -
     """Return a whitener for white noise of a known standard deviation."""
     bins = band_bins(mask.size, dt, edge_hz)
     bridged = max(_BRIDGED_SAMPLES, round(_BRIDGED_S / dt))
-    return Whitener(mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins), bridged)
+    return Whitener(
+        mask, np.full(bins, deviation**2 * mask.size), np.zeros(bins), bridged, np.ones(mask.size)
+    )
 
 
 def knowing(whitener: Whitener, errors: Matrix) -> Whitener:
