@@ -8,6 +8,8 @@ SIGMAS = 4.0
 """Standard deviations above which a value is significant: chance exceeds it once in 30 000."""
 EXCESS_NOISE_RATIO = 2.0
 """Times the noise's deviation: no noise model errs by more, so a larger residual is no noise."""
+NOISE_POWER_DOUBT = 0.25
+"""Share of the noise's power by which its estimate may err."""
 REDRAWN_NOISE_RATIO = 1.3
 """Times the noise's deviation: another draw of the same noise may be as large as that."""
 ENCODER_ENERGY_RATIO = 4.0

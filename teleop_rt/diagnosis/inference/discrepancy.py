@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO
+from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO, NOISE_POWER_DOUBT
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
@@ -18,7 +18,6 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _LARGEST_LEFT = 0.2  # of the base's energy above noise; another form of a law leaves less
-_FURTHER_NOISE = 0.25  # times the power of noise: the estimate of a noise errs by less
 
 
 def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: float) -> bool:
@@ -34,7 +33,7 @@ def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: 
     before, after = (
         blind_energy(plain.problem, fit) - noise**2 for fit in (plain.base, plain.best)
     )
-    return after >= before or after > max(_LARGEST_LEFT * before, _FURTHER_NOISE * noise**2)
+    return after >= before or after > max(_LARGEST_LEFT * before, NOISE_POWER_DOUBT * noise**2)
 
 
 def judge_with_unknown_remainder(

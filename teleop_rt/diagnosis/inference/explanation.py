@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.criteria import (
     LEAST_SHARE,
     MOST_SETS,
     NAMED_SHARE,
+    NOISE_POWER_DOUBT,
     POSTERIOR_MASS,
     UNKNOWN_DIRECTIONS,
     WITHIN_REACH_BIC,
@@ -32,7 +33,6 @@ from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_na
 
 _NEARLY_AS_GOOD = 1.0 - LEAST_SHARE
 
-_NOISE_DOUBT = 0.1  # of the noise's power; the part that its estimate may err by
 _ROUNDING = 1e-12  # share of the base's energy; smaller ones are rounding errors
 
 
@@ -145,7 +145,7 @@ def _weights(known: Mapping[frozenset[str], Scored], noise: float) -> list[tuple
     Sets that extend a special case and gain nothing over it are left out.
     """
     sets = [one for one in known.values() if not _special_case_fits_as_well(one, known)]
-    certain = (1.0 - _NOISE_DOUBT) * noise
+    certain = (1.0 - NOISE_POWER_DOUBT) * noise
     base = known[frozenset()].energy - certain
     shares = [max((one.energy - certain) / base, _ROUNDING) for one in sets]
     costs = [EFFECT_COST * len(one.names) for one in sets]
