@@ -16,9 +16,9 @@ _VANISHING_WEIGHT = 1e-3  # of all weights; a colour with less does not count
 _POWERS = (0.5, 1.0, 1.5, 2.0)  # of 1/f; from flicker to a random walk
 # No lower corner: the fit absorbs the lowest bins, so no data support a flat density there.
 _CORNERS_HZ = (15.0, 50.0)
-_MOST_RESONANCES = 2  # of a sensor's mount and of a frame
 _LOWEST_RESONANCE_HZ = 5.0  # Hz; motions of hand and rig, and what they excite, lie below
 _DAMPING = (0.02, 0.05, 0.15)  # of critical, of a mounted sensor; half a decade apart
+_LEAST_PEAK_RATIO = 5.0  # times the other noise; a smaller hump may be the error of a law
 
 
 class Spectrum(NamedTuple):
@@ -41,8 +41,8 @@ def density_of(
 ) -> Vector:
     """Return the likeliest density of the noise at each `frequency` [Hz], without the known part.
 
-    `grouped` averages rows over the groups of the `spectrum`. Of white noise, colours and
-    resonances those count that earn their parameters by Schwarz's criterion.
+    `grouped` averages rows over the groups of the `spectrum`. Of white noise, colours and one
+    resonance those count that earn their parameters by Schwarz's criterion.
     """
     shapes = _scaled(
         np.array(
@@ -52,19 +52,16 @@ def density_of(
             + [frequency**2]
         )
     )
-    best = _likeliest(grouped(shapes), spectrum, 0)
-    for number in range(1, _MOST_RESONANCES + 1):
-        density = best.share @ grouped(shapes) + spectrum.known
-        peak = _highest(grouped(frequency), density, spectrum)
-        if peak is None:
-            break
-        tried = [np.vstack([shapes, _resonance(frequency, peak, ratio)]) for ratio in _DAMPING]
-        found = [_likeliest(grouped(rows), spectrum, number) for rows in tried]
-        likeliest = min(range(len(found)), key=lambda i: found[i].criterion)
-        if found[likeliest].criterion >= best.criterion:
-            break
-        shapes, best = tried[likeliest], found[likeliest]
-    return np.asarray(best.share @ shapes)
+    plain = _likeliest(grouped(shapes), spectrum)
+    peak = _peak(grouped(frequency), plain.share @ grouped(shapes) + spectrum.known, spectrum)
+    if peak is None:
+        return np.asarray(plain.share @ shapes)
+    tried = [np.vstack([shapes, _resonance(frequency, peak, damping)]) for damping in _DAMPING]
+    found = [_likeliest(grouped(rows), spectrum, resonant=True) for rows in tried]
+    best, rows = min(zip(found, tried, strict=True), key=lambda one: one[0].criterion)
+    if best.criterion >= plain.criterion:
+        return np.asarray(plain.share @ shapes)
+    return np.asarray(best.share @ rows)
 
 
 def _scaled(shapes: Matrix) -> Matrix:
@@ -77,15 +74,15 @@ def _resonance(frequency: Vector, peak: float, damping: float) -> Vector:
     return _scaled(1.0 / ((1.0 - ratio) ** 2 + 4.0 * damping**2 * ratio))
 
 
-def _highest(frequency: Vector, density: Vector, spectrum: Spectrum) -> float | None:
-    """Return the frequency [Hz] at which the power exceeds the density most; None if nowhere."""
-    beyond = spectrum.weight * (spectrum.power / density - 1.0)
-    beyond = np.where(frequency > _LOWEST_RESONANCE_HZ, beyond, 0.0)
+def _peak(frequency: Vector, density: Vector, spectrum: Spectrum) -> float | None:
+    """Return the frequency [Hz] at which the power exceeds the density most; None if too little."""
+    ratio = spectrum.power / density
+    beyond = np.where(frequency > _LOWEST_RESONANCE_HZ, spectrum.weight * (ratio - 1.0), 0.0)
     place = int(np.argmax(beyond))
-    return float(frequency[place]) if beyond[place] > 0.0 else None
+    return float(frequency[place]) if ratio[place] > _LEAST_PEAK_RATIO else None
 
 
-def _likeliest(shapes: Matrix, spectrum: Spectrum, resonances: int) -> _Mixture:
+def _likeliest(shapes: Matrix, spectrum: Spectrum, *, resonant: bool = False) -> _Mixture:
     """Return the weights of all `shapes`, or of the first (white) alone if others earn too little.
 
     Chance may give white noise a colour, which would weight the lowest bins, those of the motion,
@@ -93,12 +90,12 @@ def _likeliest(shapes: Matrix, spectrum: Spectrum, resonances: int) -> _Mixture:
     """
     power, weight, known = spectrum
     candidates = []
-    for last in (1, len(shapes)) if not resonances else (len(shapes),):
+    for last in (len(shapes),) if resonant else (1, len(shapes)):
         share = np.zeros(len(shapes))
         share[:last] = positive_mixture(shapes[:last], spectrum)
         density = share @ shapes + known
         misfit = 2.0 * float(np.sum(weight * (np.log(density) + power / density)))
-        colours = np.count_nonzero(share[1:] > _VANISHING_WEIGHT * share.sum()) + 2 * resonances
+        colours = np.count_nonzero(share[1:] > _VANISHING_WEIGHT * share.sum()) + 2 * resonant
         criterion = misfit + max(colours, last > 1) * np.log(weight.sum())
         candidates.append(_Mixture(share, criterion))
     return min(candidates, key=lambda one: one.criterion)
