@@ -56,7 +56,7 @@ def coloured_noise(rng: np.random.Generator, kind: str, n: int) -> Array:
             200:
         ]
     if kind == "blue":
-        return np.diff(rng.standard_normal(n + 1)) / np.sqrt(2.0)
+        return np.asarray(np.diff(rng.standard_normal(n + 1)) / np.sqrt(2.0))
     if kind == "resonant":
         pole = np.exp(2e-3 * np.pi * 30.0 * complex(-0.05, np.sqrt(1.0 - 0.05**2)))
         row = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.standard_normal(2 * n))
