@@ -160,8 +160,9 @@ def pace(t: Tick, deepest: float) -> float:
         if t.wall_stiffness > 0.0:
             room = DEPTH_SHARE * t.force_cap / t.wall_stiffness
             nearest += max(0.0, room - t.unknown_speed * t.unknown_speed / (2.0 * t.acceleration))
-    way = max(0.0, nearest - t.command)
-    return math.sqrt(t.unknown_speed * t.unknown_speed + 2.0 * t.acceleration * way)
+    way, step = max(0.0, nearest - t.command), t.acceleration * t.period_s
+    square = step * step + t.unknown_speed * t.unknown_speed + 2.0 * t.acceleration * way
+    return max(t.unknown_speed, math.sqrt(square) - step)
 
 
 @kernel

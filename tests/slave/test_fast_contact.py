@@ -134,3 +134,15 @@ def test_a_stopping_speed_is_that_of_latency_and_braking_together():
     assert speed * 5e-3 + speed**2 / 120 == pytest.approx(2e-3)
     assert stopping_speed(2e-3, 5e-3, math.inf) == pytest.approx(0.4)
     assert depth_cap(Tool(0.0).tick) == math.inf
+
+
+@pytest.mark.parametrize("speed", [0.7, 1.0, 1.4])
+def test_the_tool_has_braked_to_that_speed_where_the_unknown_begins(speed):
+    """A cycle is as long as the braking moves on in it: the pace is that of the cycle's end."""
+    tool = Tool(0.0)
+    tool.tick.verified_free = 0.0
+    for i in range(300):
+        tool.lead(min(0.05, -0.04 + speed * i * PERIOD_S), speed)
+        if tool.tick.command > 0.0:
+            assert tool.tick.command_velocity < 1.02 * SLOWLY
+    assert tool.fastest > 0.8 * speed
