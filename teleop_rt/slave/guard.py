@@ -31,8 +31,10 @@ v t + v²/2a after the wall, t being the latency from there to its braking. On a
 the command brakes in time for the depth of DEPTH_SHARE of the cap, which a model gives, or else the
 secant at the deepest point of the last contact. Beyond the space that was verified free, and on a
 surface that was only grazed, the tool is no faster than `unknown_speed`, from which it stands
-within that share on the rig's stiffest wall; it brakes for it on its way there. A body that comes
-nearer within space that was free meets a tool that may be faster.
+within that share on the rig's stiffest wall; it brakes for it on its way there. Deeper in a body
+than it was ever pressed, it is no faster than the same share allows beyond the present force: a
+stiffer layer may begin there. A body that comes nearer within space that was free meets a tool that
+may be faster.
 """
 
 from __future__ import annotations
@@ -96,7 +98,7 @@ def met_within_cap(rig: RigConfig, force_cap: float, speed: float) -> float:
 @kernel
 def forget_walls(t: Tick) -> None:
     """Forget every wall."""
-    t.wall_stiffness = t.wall_force = 0.0
+    t.wall_stiffness = t.wall_force = t.pressed = 0.0
     t.known_surface = t.hold_at = t.slope_from = math.nan
     t.met_contact = t.waiting_for = t.slope_place = 0
     t.secant = t.slope = t.slope_from_force = 0.0
@@ -139,7 +141,8 @@ def depth_by_secant(t: Tick, depth: float, force: float) -> float:
 
 @kernel
 def remember_wall(t: Tick, depth: float, force: float) -> None:
-    """Keep the secant at the deepest point of the last contact that was more than grazed."""
+    """Keep how deep it was pressed, and the secant where the last contact pressed hardest."""
+    t.pressed = max(t.pressed, depth)
     if depth > 0.0 and force > max(PROBING_SHARE * t.force_cap, t.wall_force):
         t.wall_force, t.wall_stiffness = force, force / depth
 
@@ -150,19 +153,22 @@ def pace(t: Tick, deepest: float) -> float:
 
     `deepest` is the depth of the cap by the model, infinite while there is none.
     """
-    if math.isinf(t.unknown_speed):
+    slowest = t.unknown_speed
+    if math.isinf(slowest):
         return math.inf
-    known, nearest = t.surface_known > 0, t.verified_free
-    if known and nearest >= t.surface - t.tolerance:
-        if math.isfinite(deepest):
-            return math.inf
+    nearest = t.verified_free
+    if t.surface_known > 0 and nearest >= t.surface - t.tolerance:
         nearest = t.surface
-        if t.wall_stiffness > 0.0:
+        if math.isfinite(deepest):
+            nearest += t.pressed
+            room = max(0.0, DEPTH_SHARE * t.force_cap - t.force) / t.stiffest
+            slowest = stopping_speed(room, t.late_s, t.acceleration)
+        elif t.wall_stiffness > 0.0:
             room = DEPTH_SHARE * t.force_cap / t.wall_stiffness
-            nearest += max(0.0, room - t.unknown_speed * t.unknown_speed / (2.0 * t.acceleration))
+            nearest += max(0.0, room - slowest * slowest / (2.0 * t.acceleration))
     way, step = max(0.0, nearest - t.command), t.acceleration * t.period_s
-    square = step * step + t.unknown_speed * t.unknown_speed + 2.0 * t.acceleration * way
-    return max(t.unknown_speed, math.sqrt(square) - step)
+    square = step * step + slowest * slowest + 2.0 * t.acceleration * way
+    return max(slowest, math.sqrt(square) - step)
 
 
 @kernel
@@ -173,7 +179,7 @@ def meet(t: Tick, contact_id: int, acknowledged: int, command: float, surface: f
     t.known_surface = surface
     t.wall_force = 0.0
     if abs(surface - known) > t.tolerance:
-        t.wall_stiffness = 0.0
+        t.wall_stiffness = t.pressed = 0.0
     t.secant = max(t.secant, t.wall_stiffness)
     if acknowledged >= contact_id:
         return
@@ -275,10 +281,13 @@ class ContactGuard:
         *,
         acceleration: float,
         unknown_speed: float = math.inf,
+        stiffest: float = math.inf,
+        late_s: float = TURN_S,
     ) -> None:
         self._tick = tick = (record or TickRecord()).tick
         tick.force_cap, tick.period_s = force_cap, period_s
         tick.acceleration, tick.unknown_speed = acceleration, unknown_speed
+        tick.stiffest, tick.late_s = stiffest, late_s
         tick.retreat_step = retreat_speed * period_s
         tick.fading = math.exp(-period_s / FADING_S)
         tick.tolerance = UNEXPECTED_SHARE * axis_range

@@ -45,6 +45,8 @@ class Tick:
     slope_noticed: float
     acceleration: float
     unknown_speed: float
+    stiffest: float
+    late_s: float
     catch_up_speed: float
     homing_step: float
     has_zeros: int
@@ -118,6 +120,7 @@ class Tick:
     secant: float
     wall_stiffness: float
     wall_force: float
+    pressed: float
     slope: float
     slope_place: int
     slope_kept: float

@@ -25,7 +25,7 @@ from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
 from teleop_rt.slave.coupling import set_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.guard import CatchUp, ContactGuard, unknown_speed
+from teleop_rt.slave.guard import CatchUp, ContactGuard, latency_s, unknown_speed
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.record import CAME_IN, TickRecord, place
@@ -95,6 +95,8 @@ class Slave:
             record,
             acceleration=rig.limits.acceleration_max,
             unknown_speed=math.inf if stiffest is None else unknown_speed(rig, cap, stiffest),
+            stiffest=stiffest or math.inf,
+            late_s=latency_s(rig),
         )
         CatchUp(trial.slave.retreat_speed, period_s, record)
         self._models = ModelSender(

@@ -27,8 +27,9 @@ class Tool:
     def __init__(self, stiffness, step_at=math.inf, stiffer=0.0):
         self.record = TickRecord()
         ContactGuard(
-            CAP, 0.1, 0.12, PERIOD_S, self.record, acceleration=ACCELERATION, unknown_speed=SLOWLY
-        )
+            CAP, 0.1, 0.12, PERIOD_S, self.record, acceleration=ACCELERATION, unknown_speed=SLOWLY,
+            stiffest=40_000.0,
+        )  # fmt: skip
         CatchUp(0.1, PERIOD_S, self.record)
         self.limiter = Limiter(LIMITS, PERIOD_S, self.record)
         self.limiter.reset(-0.04)
@@ -49,6 +50,7 @@ class Tool:
         """Give it a model, and the surface, up to which all is verified free."""
         tick = self.tick
         tick.surface, tick.surface_known, tick.verified_free = SURFACE, 1, SURFACE
+        tick.known_surface, tick.acknowledged = SURFACE, 100
         if stiffness is not None:
             tick.model, tick.model_k, tick.model_n = LINEAR, stiffness, 1.0
 
@@ -113,6 +115,29 @@ def test_a_wall_without_a_model_is_known_by_its_last_contact(speed):
     tool.largest = tool.fastest = 0.0
     assert 0.3 < led(tool, speed, start=pressed - 0.045) < 1.0
     assert tool.fastest > 0.9 * speed
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize(("soft", "stiffer", "at"), [(3000.0, 37_000.0, 0.008), (500.0, 15e3, 0.01)])
+def test_a_stiffer_layer_where_the_tool_was_never_pressed_is_met_within_the_cap(
+    speed, soft, stiffer, at
+):
+    tool = Tool(soft, at, stiffer)
+    tool.knows(soft)
+    assert 0.3 < led(tool, speed) < 1.0
+
+
+def test_as_deep_as_a_body_was_pressed_the_tool_is_as_fast_as_the_hand():
+    tool = Tool(1000.0)
+    tool.knows(1000.0)
+    led(tool, 0.1, ticks=1200, end=SURFACE + 0.02)
+    for i in range(400):
+        tool.lead(SURFACE + 0.02 - 0.3 * min(i, 150) * PERIOD_S, -0.3)
+    tool.fastest = 0.0
+    led(tool, 0.6, ticks=100, start=SURFACE - 0.025, end=SURFACE + 0.02)
+    assert tool.fastest > 0.55
+    depth_at = tool.tick.command - SURFACE
+    assert depth_at > 0.015
 
 
 def test_where_the_tool_has_been_it_is_as_fast_as_the_hand():
