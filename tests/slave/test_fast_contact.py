@@ -118,7 +118,7 @@ def test_a_wall_without_a_model_is_known_by_its_last_contact(speed):
 
 
 @pytest.mark.parametrize("speed", [0.3, 0.5, 1.0])
-@pytest.mark.parametrize(("soft", "stiffer", "at"), [(3000.0, 37_000.0, 0.008), (500.0, 15e3, 0.01)])
+@pytest.mark.parametrize(("soft", "stiffer", "at"), [(3e3, 37e3, 0.008), (500.0, 15e3, 0.01)])
 def test_a_stiffer_layer_where_the_tool_was_never_pressed_is_met_within_the_cap(
     speed, soft, stiffer, at
 ):
