@@ -28,6 +28,16 @@ def test_a_bias_is_named_in_the_noise_of_an_instrument(seed: int, kind: str) -> 
     assert answer(seed, ("force_bias",), kind) == ("named", [["force_bias"]])
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noise_that_grows_with_the_speed_is_no_missing_effect(seed: int) -> None:
+    record = make(seed, (), noise=0.002)
+    speed = np.abs(np.gradient(record.position))
+    grown = 0.05 * np.std(record.force) * speed / np.std(speed)
+    noise = grown * np.random.default_rng(seed).standard_normal(speed.size)
+    recording = from_arrays("speed", record.t, record.position, record.force + noise)
+    assert diagnose(recording, record.base).answer["verdict"] == "no_missing_effect"
+
+
 def test_noise_that_grows_with_the_force_is_no_saturation() -> None:
     """It is largest at the largest forces, where a saturation acts."""
     rng = np.random.default_rng(7)

@@ -224,4 +224,5 @@ def noise_from(problem: Problem, fit: Fit) -> Whitener:
     whole = whiten.Left(fit.residual, np.sum(own**2, axis=1))
     found = whiten.estimate(whiten.Left(left, taken), whole, problem.whitener, problem.motion.dt)
     clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
-    return replace(found, level=level_of(problem.force - clean, clean, found.mask > 0.0))
+    growing = np.array([clean, problem.motion.v])
+    return replace(found, level=level_of(problem.force - clean, growing, found.mask > 0.0))
