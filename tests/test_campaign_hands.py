@@ -374,11 +374,11 @@ def test_a_row_of_five_by_tremor_alone_is_no_oscillation(monkeypatch, still):
 
 def test_a_trembling_hand_that_the_handle_shakes_besides_is_found(monkeypatch):
     """The device of `LIAR` in the same hand: its swings are none of the tremor."""
-    drawn = campaign_hands.draw(611078, 2.0)
-    changed = replace(drawn, seconds=2.0, changes=[*drawn.changes, LIAR])
+    drawn = campaign_hands.draw(611078, 4.0)
+    changed = replace(drawn, seconds=4.0, changes=[*drawn.changes, LIAR])
     monkeypatch.setattr(campaign_hands, "draw", lambda *_: changed)
     monkeypatch.setattr("teleop_rt.master.shaking.ShakeGuard.update", lambda *_: False)
-    found = campaign_hands.run(611078, 2.0)
+    found = campaign_hands.run(611078, 4.0)
     assert found["swings"] >= campaign_hands.SUSTAINED
     assert found["strangers_swings"] >= campaign_hands.SUSTAINED
     assert not found["holds"]

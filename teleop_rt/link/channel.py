@@ -298,9 +298,9 @@ class Endpoint(Mailbox):
             self.statistics.reject(error.reason)
             return
         if numbers[_KIND] == _MOTION:
-            self._motion, self.fresh_motion = body, True
+            self.hold_motion(body)
         else:
-            self._state, self.fresh_state = body, True
+            self.hold_state(body)
 
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of what they cost."""

@@ -10,8 +10,12 @@ from lean_install import without_report
 
 from teleop_rt_dev.trial.files import SILICONE
 
-MISMATCH = ("rig.limits.force_max_N=0.6", "slave.force_cap_N=0.6", "contact.onset_force_N=0.5")
-"""So close that friction passes the share of it that sensor and drive may differ by: a fault."""
+MISMATCH = ("rig.limits.force_max_N=0.6", "slave.force_cap_N=0.6", "contact.onset_force_N=0.5",
+            "rig.limits.stiffness_max_N_per_m=null")  # fmt: skip
+"""So close that friction passes the share of it that sensor and drive may differ by: a fault.
+
+No wall is said to be the stiffest, for which so low a cap would let the tool creep.
+"""
 
 INTERRUPTED = """
     import atexit, signal
