@@ -34,7 +34,7 @@ def test_the_optimum_is_the_known_bound_where_that_is_exact(latency_s, stiffest)
 
 @pytest.mark.parametrize(
     ("handle", "changes"),
-    [(name, ()) for name in kwidth.HANDLES] + [(name, kwidth.UNASKED) for name in kwidth.ASKED],
+    [(name, ()) for name in kwidth.HANDLES] + [(name, kwidth.ANSWERED) for name in kwidth.ASKED],
 )
 def test_a_shipped_handle_renders_nine_tenths_of_the_optimum_and_no_more(handle, changes):
     found = kwidth.shipped(handle, changes)

@@ -165,7 +165,7 @@ class Master:
             fresh = self.slave if self._fresh else None
             self.intake.take(endpoint.model, fresh, self.hand, self._one_way_s, 1e-9 * now_ns)
             self._relax()
-        force = (self._calmed(self._wanted_force()) + self._brake()) * self.force_scale
+        force = (self._wanted_force() + self._brake()) * self.force_scale
         force *= self.engagement.fade(now_ns)
         force = max(-self._force_max, min(self._force_max, force))
         self.force = self._guarded(self._stall.without_a_step(force, self.force))
@@ -175,8 +175,7 @@ class Master:
         stored_J = math.inf
         if self._coupling is None:
             stored_J = self.energy_scale * max(0.0, self.adoption.stored_J)
-        room = self.limiter.damping_room - self.shaking.calming * self.limiter.calming_room
-        room *= self.force_scale * self._position_scale
+        room = self.force_scale * self._position_scale * self.limiter.damping_room
         surface_J = self.energy_scale * self._surface_J
         force = self.observer.update(self.position, self.velocity, force, stored_J, room, surface_J)
         if self._device is None:
@@ -224,14 +223,6 @@ class Master:
         if self.slave is None or self.engagement.state is _WAITING:
             return 0.0
         return self._coupling.update(x, velocity, self.slave, dt_s)
-
-    def _calmed(self, force: float) -> float:
-        """Return the force of the walls with what a ringing hand is damped by: see `ShakeGuard`."""
-        if self.shaking.calming == 0.0 or not (force > 0.0 and self.adoption.holds(self.x)):
-            return force
-        damping = self.shaking.calming * self.limiter.calming_room
-        moving = self._position_scale * self.velocity - self.adoption.newest.surface_velocity
-        return max(0.0, force + damping * moving)
 
     def _act(self, now_ns: int) -> None:
         """Push the hand, send the motion and record the tick."""

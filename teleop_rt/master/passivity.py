@@ -194,10 +194,6 @@ class PassivityBound:
         """
         return self._excess(stiffness) * self.softened(stiffness) * self._late_s
 
-    def taken_damping(self, stiffness: float) -> float:
-        """Return the device's damping that the latency of a rendered spring takes."""
-        return stiffness * self._late_s
-
     def softened(self, stiffness: float) -> float:
         """Return the spring that is rendered: as it is up to the bound, then down to the calmest.
 

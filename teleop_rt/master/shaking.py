@@ -6,12 +6,6 @@ differ in what follows. Where force is given back only as far as energy was take
 lived on the wall's energy comes to rest, and begins again when that ends; a trembling hand goes on.
 So the bounding is always first, for it is hardly felt, and walls are rendered softer only where an
 oscillation stopped by it came back, or where one goes on for so long that no hand makes it.
-
-Before all this a wall is calmed. Within its bound a spring gives no energy, but near it its latency
-takes most of the device's friction, so that a hand without damping of its own rings for a second.
-From the second swing that lives on the wall, and for as long as such swings go on, the spring gets
-the damping that its latency takes: the hand then rings as on a continuous wall. Motions at will are
-slower than any swing, and feel none of it.
 """
 
 from __future__ import annotations
@@ -22,12 +16,6 @@ SOFTER = 0.5
 """Share of the damping counted on so far that is counted on after an oscillation."""
 SOFTENINGS = 3
 """An eighth of the damping is friction of bearings alone: what shakes then is let go."""
-CALMED_SWINGS = 2
-"""Swings in a row from which a wall is calmed; one alone is any touch."""
-CALMED_S, CALMING_S = 1.0, 0.02
-"""How long it stays calmed after the last of them, and how fast its damping comes and goes: by then
-a ringing of 4 Hz has turned eight times; half a millimetre of a stiff ringing is no step.
-"""
 BOUNDING_S = 1.0
 """How long force is given back only as energy was taken: three swings of the slowest watched."""
 QUIET_SHARE = 0.25
@@ -57,9 +45,8 @@ class ShakeGuard:
         self.trust = 1.0
         self.softenings = self.boundings = self._returns = 0
         self.lets_go = False
-        self._left_s = self._returns_s = self._calmed_s = 0.0
+        self._left_s = self._returns_s = 0.0
         self._size = 0.0
-        self._counted, self.calming = 0, 0.0
 
     @property
     def bounding(self) -> bool:
@@ -69,7 +56,6 @@ class ShakeGuard:
     def update(self, position: float, velocity: float, force: float, made_J: float) -> bool:
         """Take in a tick; return whether walls are to be rendered softer from now on."""
         found = self._watch.update(position, velocity, force, made_J)
-        self._calm()
         self._returns_s = max(0.0, self._returns_s - self._period_s)
         if self.bounding:
             self._bounded()
@@ -81,16 +67,6 @@ class ShakeGuard:
             return self._soften()
         self._bound()
         return False
-
-    def _calm(self) -> None:
-        """Let `calming`, the share of a wall's lost damping, come and go."""
-        self._calmed_s = max(0.0, self._calmed_s - self._period_s)
-        if self._watch.lasting != self._counted:
-            self._counted = self._watch.lasting
-            self._calmed_s = CALMED_S if self._counted >= CALMED_SWINGS else self._calmed_s
-        step = self._period_s / CALMING_S
-        aim = 1.0 if self._calmed_s > 0.0 else 0.0
-        self.calming += max(-step, min(step, aim - self.calming))
 
     def _bound(self) -> None:
         self.boundings += 1

@@ -81,7 +81,7 @@ class WallLimiter:
     def reset(self) -> None:
         """Forget the last wall, and trust the device again."""
         self.rendered_bound = RenderedBound()
-        self.damping_room = self.calming_room = 0.0
+        self.damping_room = 0.0
         self.trust(1.0)
 
     def trust(self, share: float) -> None:
@@ -127,8 +127,6 @@ class WallLimiter:
         needed = self._bound.required_damping(stiffness, damping)
         self.rendered_bound = RenderedBound(stiffness, damping, soft, calm, needed)
         self.damping_room = self._bound.damping_max(soft) - calm
-        lost = self._bound.taken_damping(soft) - calm
-        self.calming_room = max(0.0, min(lost, self.damping_room))
 
     def _bent(self, wall: Wall, stiffness: float, damping: float) -> Wall:
         """Return a Hunt-Crossley wall that is rendered as it is up to the slope of the bound.

@@ -48,7 +48,6 @@ class Grip:
     changes: tuple[tuple[float, float], ...] = ()
     reaction_s: float = 0.0
     lets_go_s: float = math.inf
-    knocked_s: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -116,8 +115,7 @@ class HeldHandle:
             wanted = 4.0 + 1.2 * math.sin(2 * math.pi * 0.7 * since)
             self.goal += max(-0.1, min(0.1, 0.004 * (wanted - self._felt[0]))) * STEP_S
         else:
-            waves = 0.002 if math.isinf(self.grip.knocked_s) else 0.0
-            wave = 0.004 + waves * math.sin(2 * math.pi * 1.3 * since)
+            wave = 0.004 + 0.002 * math.sin(2 * math.pi * 1.3 * since)
             self.goal = self._met_at + min(1.0, since / 0.5) * wave
         return (self.goal - before) / STEP_S
 
@@ -134,7 +132,6 @@ class HeldHandle:
         k_stop, b_stop = (2e5, 200.0) if abs(self.x) > END_STOP else (0.0, 0.0)
         rate = self._intend()
         push = self.motor + k * (self.goal - self.x) + b * rate + k_stop * (stop - self.x)
-        push += 12.0 if 0.0 <= self.t - grip.knocked_s < 0.01 else 0.0
         v = (mass * self.v + dt * push) / (
             mass + dt * (b + handle.damping + b_stop) + dt * dt * (k + k_stop)
         )
@@ -249,25 +246,6 @@ def test_no_hand_shakes_and_none_is_given_more_than_the_tank(
     assert swings(rows[:, 0], rows[:, 1]) < 5
     allowed_J = 1e-3 * CONFIG.tank_capacity_mJ + 1e-3 * CONFIG.tank_power_mW * len(rows) * PERIOD_S
     assert given_back(rows) <= allowed_J
-
-
-KNOCKED = Grip(2.4, 2000.0, 0.0, knocked_s=3.5)
-GREASED = Handle(12.0, 0.0005, 0.001, count_m=4e-6, coulomb_N=0.0)
-
-
-def test_a_knock_on_a_wall_just_within_the_bound_dies_away_as_on_a_continuous_one() -> None:
-    """There latency takes five sixths of the device's friction; the hand has none of its own."""
-    rows, master = hold(KNOCKED, GREASED, 5400.0, 0.0, 0.0)
-    assert master.limiter.stiffness_max == pytest.approx(5400.0, rel=0.1)
-    assert not master.rendered_bound.reduced
-    assert master.shaking.boundings == 0, "it dies away before"
-    assert swings(rows[:, 0], rows[:, 1]) < 5
-
-
-def test_without_calming_the_knock_rings_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("teleop_rt.master.shaking.ShakeGuard._calm", lambda _: None)
-    rows, _ = hold(KNOCKED, GREASED, 5400.0, 0.0, 0.0)
-    assert swings(rows[:, 0], rows[:, 1]) >= 5
 
 
 def test_five_seconds_of_delay_are_felt_without_shaking() -> None:
