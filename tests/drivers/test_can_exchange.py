@@ -19,7 +19,7 @@ from teleop_rt_drivers.canopen import exchange
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig
 from teleop_rt_drivers.canopen.exchange import COUNT, SENT, new_sync, note_sent, send_sync
-from teleop_rt_drivers.canopen.intake import SourceRecord
+from teleop_rt_drivers.canopen.source import SourceRecord
 from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.unix_bus import UnixBus
 

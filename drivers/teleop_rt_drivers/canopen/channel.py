@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.canopen import intake
-from teleop_rt_drivers.canopen.intake import DUPLICATE_CYCLES, SourceRecord, kind_of, place
+from teleop_rt_drivers.canopen.intake import DUPLICATE_CYCLES, kind_of
+from teleop_rt_drivers.canopen.source import SourceRecord, place
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.counters import Counters

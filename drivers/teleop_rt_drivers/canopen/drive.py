@@ -12,16 +12,17 @@ from teleop_rt_drivers.can_door import LENGTH_SHIFT
 from teleop_rt_drivers.canopen import cia402, exchange
 from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import Cia402State
-from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, SourceRecord, kind_of, place
+from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, kind_of
+from teleop_rt_drivers.canopen.source import SourceRecord, place
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt_drivers.can_door import CanDoor
     from teleop_rt_drivers.canopen.counters import Counters
-    from teleop_rt_drivers.canopen.intake import Sources
     from teleop_rt_drivers.canopen.pdo import PdoCodec
     from teleop_rt_drivers.canopen.position_loop import PositionLoop
+    from teleop_rt_drivers.canopen.source import Sources
     from teleop_rt_drivers.quantity import DriveZero, Scale
 
 _STATUSWORD, _SEEN = place("statusword"), place("seen")

@@ -15,7 +15,7 @@ from teleop_rt_drivers.canopen.intake import take_cycle
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
-    from teleop_rt_drivers.canopen.intake import Readings, Source, Sources
+    from teleop_rt_drivers.canopen.source import Readings, Source, Sources
     from teleop_rt_drivers.canopen.watch import Lives
 
     Whole = NDArray[np.int64]

@@ -1,7 +1,6 @@
 """The way of a frame of process data, as kernels: decoding, checks, the match to its SYNC.
 
-A source is one value, or the drive, with all that is known of it: a record whose fields kernels
-read and write by name. Frames lie in slots, as `can_frames` has them.
+They work on the records of `source`. Frames lie in slots, as `can_frames` has them.
 """
 
 from __future__ import annotations
@@ -9,19 +8,20 @@ from __future__ import annotations
 import functools
 import math
 import struct
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.jit import kernel
-from teleop_rt.kernel_record import record_type
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
 from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
+from teleop_rt_drivers.canopen.source import NOWHERE, SourceRecord, new_reading
 from teleop_rt_drivers.canopen.watch import hear, lost_life, new_lives
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import Slots
+    from teleop_rt_drivers.canopen.source import Reading, Readings, Source, Sources
     from teleop_rt_drivers.canopen.watch import Lives
 
     Whole = NDArray[np.int64]
@@ -33,7 +33,6 @@ CYCLES_TO_CATCH_UP = 3
 MOST_OWED = 10_000
 SILENT_CYCLES = 3
 """Cycles without an answer after which the drive's state is no longer believed."""
-NOWHERE, NOBODY = -1, -1
 DUPLICATE = 1 << 8
 """Bit of `settle` for a second sender; below it those of sources that gave no new value."""
 LOST = 1 << 9
@@ -51,117 +50,6 @@ _WRONG_LENGTH, _BAD_STATUS = CODES["wrong_length"], CODES["bad_status"]
 _NOT_A_NUMBER, _OUT_OF_RANGE = CODES["not_a_number"], CODES["out_of_range"]
 _SYNC_SENT = CODES["sync_sent"]
 _IMPOSSIBLE_JUMP, _SPEED_SATURATED = CODES["impossible_jump"], CODES["speed_saturated"]
-
-
-class Source:
-    """Fields of a source: places in its frame (NOWHERE: not there), its checks, what is known."""
-
-    cob_id: int
-    length: int
-    is_drive: int
-    number_at: int
-    number_kind: int
-    status_at: int
-    status_kind: int
-    extra_at: int
-    extra_kind: int
-    most_extra: float
-    offset: float
-    gain: float
-    lower: float
-    upper: float
-    slack: float
-    rate_per_ns: float
-    # Answers of the present cycle, and those that are owed, were given up, or are too many.
-    received: int
-    owed: int
-    given_up: int
-    behind_cycles: int
-    excess_cycles: int
-    # A value: its candidate of this cycle, and the one that passed every check [rig unit].
-    candidate: float
-    value: float
-    stamp_ns: int
-    known: int
-    # A drive: its statusword and the one that was looked at, its own position and force in counts.
-    statusword: int
-    seen: int
-    actual: float
-    force_counts: float
-    silent_cycles: int
-    # Its command: places in the frame, and the target that was sent last [counts].
-    target_at: int
-    control_at: int
-    target: int
-
-
-SOURCE_TYPE = record_type(Source)
-Sources = NDArray[np.record]
-_NAMES = list(Source.__annotations__)
-
-
-def place(field: str) -> int:
-    """Return where a field is among the words of a source."""
-    return _NAMES.index(field)
-
-
-class SourceRecord:
-    """A source and its views: `stored` for kernels, `source` by field, `floats` and `counts`."""
-
-    def __init__(self) -> None:
-        self.bind(np.zeros(1, SOURCE_TYPE))
-        source = self.source
-        source.cob_id = NOBODY
-        source.number_at = source.status_at = source.extra_at = NOWHERE
-        source.candidate = math.nan
-
-    def bind(self, stored: Sources) -> None:
-        """Live in this array (1,) from now on, which holds what the record holds."""
-        self.stored = stored
-        self.source = cast("Source", stored[0])
-        words = stored.view(np.uint8).data
-        self.floats, self.counts = words.cast("d"), words.cast("q")
-
-
-class Reading:
-    """Fields of what a cycle knows in the end: values with their stamps, and the drive's own.
-
-    `encoder`, `force_sensor` and `drive` are their places among the sources, or NOWHERE.
-    """
-
-    position: float
-    force: float
-    drive_position: float
-    position_ns: int
-    force_ns: int
-    stamp_ns: int
-    silent_cycles: int
-    encoder: int
-    force_sensor: int
-    drive: int
-
-
-_READING = record_type(Reading)
-Readings = NDArray[np.record]
-read_out = struct.Struct("=3d4q").unpack_from
-"""Reads what a `Reading` begins with, up to `silent_cycles`, from its bytes."""
-
-
-def new_reading(encoder: int, force_sensor: int, drive: int) -> Readings:
-    """Return a reading (1,) of sources at these places."""
-    readings: Readings = np.zeros(1, _READING)
-    reading = cast("Reading", readings[0])
-    reading.encoder, reading.force_sensor, reading.drive = encoder, force_sensor, drive
-    return readings
-
-
-def side_by_side(records: list[SourceRecord]) -> Sources:
-    """Return an array in which all these sources live from now on."""
-    sources: Sources = np.zeros(len(records), SOURCE_TYPE)
-    for index, record in enumerate(records):
-        sources[index] = record.stored[0]
-        record.bind(sources[index : index + 1])
-    return sources
 
 
 def kind_of(layout: str) -> int:

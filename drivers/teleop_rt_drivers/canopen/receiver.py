@@ -18,15 +18,11 @@ from teleop_rt_drivers.canopen.intake import (
     CHANGED,
     DUPLICATE,
     LOST,
-    NOBODY,
-    NOWHERE,
     SILENT_CYCLES,
-    new_reading,
-    read_out,
-    side_by_side,
 )
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
+from teleop_rt_drivers.canopen.source import NOBODY, NOWHERE, new_reading, read_out, side_by_side
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
 from teleop_rt_drivers.drivetrain import Drivetrain
 
@@ -41,7 +37,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.counters import Counters
     from teleop_rt_drivers.canopen.exchange import Syncs
-    from teleop_rt_drivers.canopen.intake import Readings
+    from teleop_rt_drivers.canopen.source import Readings
 
     Data = bytes | bytearray
     Handler = Callable[[int, Data, int], object]

@@ -1,0 +1,129 @@
+"""Records that kernels share of what a cycle hears: sources of values, and the reading of a cycle.
+
+A source is one value, or the drive, with all that is known of it: a record whose fields kernels
+read and write by name.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.kernel_record import record_type
+
+NOWHERE, NOBODY = -1, -1
+
+
+class Source:
+    """Fields of a source: places in its frame (NOWHERE: not there), its checks, what is known."""
+
+    cob_id: int
+    length: int
+    is_drive: int
+    number_at: int
+    number_kind: int
+    status_at: int
+    status_kind: int
+    extra_at: int
+    extra_kind: int
+    most_extra: float
+    offset: float
+    gain: float
+    lower: float
+    upper: float
+    slack: float
+    rate_per_ns: float
+    # Answers of the present cycle, and those that are owed, were given up, or are too many.
+    received: int
+    owed: int
+    given_up: int
+    behind_cycles: int
+    excess_cycles: int
+    # A value: its candidate of this cycle, and the one that passed every check [rig unit].
+    candidate: float
+    value: float
+    stamp_ns: int
+    known: int
+    # A drive: its statusword and the one that was looked at, its own position and force in counts.
+    statusword: int
+    seen: int
+    actual: float
+    force_counts: float
+    silent_cycles: int
+    # Its command: places in the frame, and the target that was sent last [counts].
+    target_at: int
+    control_at: int
+    target: int
+
+
+SOURCE_TYPE = record_type(Source)
+Sources = NDArray[np.record]
+_NAMES = list(Source.__annotations__)
+
+
+def place(field: str) -> int:
+    """Return where a field is among the words of a source."""
+    return _NAMES.index(field)
+
+
+class SourceRecord:
+    """A source and its views: `stored` for kernels, `source` by field, `floats` and `counts`."""
+
+    def __init__(self) -> None:
+        self.bind(np.zeros(1, SOURCE_TYPE))
+        source = self.source
+        source.cob_id = NOBODY
+        source.number_at = source.status_at = source.extra_at = NOWHERE
+        source.candidate = math.nan
+
+    def bind(self, stored: Sources) -> None:
+        """Live in this array (1,) from now on, which holds what the record holds."""
+        self.stored = stored
+        self.source = cast("Source", stored[0])
+        words = stored.view(np.uint8).data
+        self.floats, self.counts = words.cast("d"), words.cast("q")
+
+
+class Reading:
+    """Fields of what a cycle knows in the end: values with their stamps, and the drive's own.
+
+    `encoder`, `force_sensor` and `drive` are their places among the sources, or NOWHERE.
+    """
+
+    position: float
+    force: float
+    drive_position: float
+    position_ns: int
+    force_ns: int
+    stamp_ns: int
+    silent_cycles: int
+    encoder: int
+    force_sensor: int
+    drive: int
+
+
+_READING = record_type(Reading)
+Readings = NDArray[np.record]
+read_out = struct.Struct("=3d4q").unpack_from
+"""Reads what a `Reading` begins with, up to `silent_cycles`, from its bytes."""
+
+
+def new_reading(encoder: int, force_sensor: int, drive: int) -> Readings:
+    """Return a reading (1,) of sources at these places."""
+    readings: Readings = np.zeros(1, _READING)
+    reading = cast("Reading", readings[0])
+    reading.encoder, reading.force_sensor, reading.drive = encoder, force_sensor, drive
+    return readings
+
+
+def side_by_side(records: list[SourceRecord]) -> Sources:
+    """Return an array in which all these sources live from now on."""
+    sources: Sources = np.zeros(len(records), SOURCE_TYPE)
+    for index, record in enumerate(records):
+        sources[index] = record.stored[0]
+        record.bind(sources[index : index + 1])
+    return sources
