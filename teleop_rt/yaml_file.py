@@ -75,7 +75,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 """Characters that control a terminal when the text is printed; tab and line end do not."""
 
 
-class _Loader(yaml.SafeLoader):
+class ConfigLoader(yaml.SafeLoader):
     """SafeLoader with the scalars of YAML 1.2's core schema."""
 
     # An own table: without it, resolvers would be added to those of YAML 1.1.
@@ -106,19 +106,19 @@ for _tag, _pattern, _first in (
         list("-+.0123456789"),
     ),
 ):
-    _Loader.add_implicit_resolver(f"{_CORE}{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
+    ConfigLoader.add_implicit_resolver(f"{_CORE}{_tag}", re.compile(f"^(?:{_pattern})$"), _first)
 
 
-def _int(_: _Loader, node: yaml.ScalarNode) -> int:
+def _int(_: ConfigLoader, node: yaml.ScalarNode) -> int:
     return int(node.value, 16 if node.value.startswith("0x") else 10)
 
 
-def _float(_: _Loader, node: yaml.ScalarNode) -> float:
+def _float(_: ConfigLoader, node: yaml.ScalarNode) -> float:
     return float(node.value.replace(".inf", "inf").replace(".nan", "nan").lower())
 
 
-_Loader.add_constructor(f"{_CORE}int", _int)
-_Loader.add_constructor(f"{_CORE}float", _float)
+ConfigLoader.add_constructor(f"{_CORE}int", _int)
+ConfigLoader.add_constructor(f"{_CORE}float", _float)
 
 
 def parse_scalar(text: str) -> Any:
@@ -155,9 +155,9 @@ def _without_waiting(path: str, flags: int) -> int:
 
 
 def _read(text: str, name: str) -> Document:
-    loader: _Loader | None = None
+    loader: ConfigLoader | None = None
     try:
-        loader = _Loader(text)
+        loader = ConfigLoader(text)
         node = loader.get_single_node()
         document = Document(None, {(): f"{name}:1"})
         if node is not None:
@@ -182,7 +182,7 @@ def _read(text: str, name: str) -> Document:
 class _Building:
     """Turns nodes into plain data, noting the line of each key, keys given twice and tags."""
 
-    def __init__(self, loader: _Loader, name: str, places: dict[KeyPath, str]) -> None:
+    def __init__(self, loader: ConfigLoader, name: str, places: dict[KeyPath, str]) -> None:
         self._loader = loader
         self._name = name
         self._places = places

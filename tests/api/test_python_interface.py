@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import doctest
 import gc
+import importlib
 import inspect
 import json
 import re
@@ -57,9 +58,9 @@ def test_checkers_see_the_very_names_that_are_loaded():
         for statement in checked.body if isinstance(statement, ast.ImportFrom)
         for alias in statement.names
     }  # fmt: skip
-    loaded = {(name, module) for module, names in teleop_rt._PLACES.items() for name in names}
-    assert seen == loaded
-    assert {name for name, _ in loaded} == set(teleop_rt.__all__) <= set(dir(teleop_rt))
+    assert {name for name, _ in seen} == set(teleop_rt.__all__) <= set(dir(teleop_rt))
+    for name, module in seen:
+        assert getattr(teleop_rt, name) is getattr(importlib.import_module(module), name)
     with pytest.raises(AttributeError, match="no attribute 'diagnoze'"):
         _ = teleop_rt.diagnoze
 

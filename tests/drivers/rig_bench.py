@@ -93,6 +93,7 @@ class Bench(Cycles):
         self.device_end.on_arrival = self.simulated.process
         self.simulated.power_on()
         assert isinstance(rig.axis, CanopenConfig)
+        self.config = rig.axis
         self.axis = CanopenAxis(rig.axis, rig, self.daemon_end, lambda: self.now)
         self.sample = Sample()
 

@@ -156,7 +156,7 @@ def test_a_device_without_heartbeat_needs_guarding(tmp_path):
 
 
 def test_guarding_costs_two_frames_a_period(guarded):
-    config = guarded.axis._config
+    config = guarded.config
     plain = config.model_copy(
         update={"force": config.force.model_copy(update={"guarding": None, "heartbeat_ms": 10})}
     )

@@ -63,6 +63,7 @@ class Listener:
         self.signal.reset(0)
         source.listen(lambda values, now_ns: self.heard.append(([*map(float, values)], now_ns)))
         self.parser.reset()
+        # By which way a frame came shows nowhere else: the values are the same.
         assert self.parser._whole is not None
         if not kernels:
             self.parser._whole = None

@@ -21,7 +21,7 @@ class Clock:
 
 
 def wait_for(transport: UdpTransport) -> None:
-    readable, _, _ = select.select([transport._socket], [], [], 5.0)
+    readable, _, _ = select.select([transport.descriptor], [], [], 5.0)
     assert readable
 
 

@@ -19,6 +19,8 @@ from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.trial.processes import TrialProcesses
 
+MCL_FUTURE = 2  # of <sys/mman.h>: pages mapped later are locked, too
+
 
 @pytest.fixture
 def asked(monkeypatch):
@@ -166,7 +168,7 @@ def test_a_limit_of_locked_memory_never_refuses_memory_to_a_loop_that_runs(
     monkeypatch.setattr(scheduling.ctypes, "CDLL", lambda *_, **__: libc)
     result = scheduling.lock_memory().describe()
     assert result.startswith("mlockall: granted (")
-    assert bool(asked[0] & scheduling._MCL_FUTURE) is later
+    assert bool(asked[0] & MCL_FUTURE) is later
     assert ("what is mapped now" in result) is not later
 
 

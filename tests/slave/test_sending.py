@@ -29,9 +29,9 @@ class Bench:
         self.force_std, self.effects = NOISE, ()
         record = TickRecord()
         record.tick.in_contact = record.tick.contact_id = record.tick.surface_known = 1
-        endpoint = SimpleNamespace(connected=True, send_body=self.take)
+        self.endpoint = SimpleNamespace(connected=True, send_body=self.take)
         self.sender = ModelSender(
-            self, endpoint, NOISE, 90.0, LinkConfig(keep_alive_ms=KEEP_ALIVE_MS, **link),
+            self, self.endpoint, NOISE, 90.0, LinkConfig(keep_alive_ms=KEEP_ALIVE_MS, **link),
             lambda: self.now_ms * MS, record,
         )  # fmt: skip
 
@@ -103,7 +103,7 @@ def test_with_little_force_the_noise_is_the_bar():
 
 def test_without_a_session_nothing_is_counted_as_sent(steady):
     before = steady.sender.models_sent
-    steady.sender._endpoint.connected = False
+    steady.endpoint.connected = False
     assert steady.run(300) == []
     assert steady.sender.models_sent == before
 
