@@ -13,12 +13,18 @@ from framed_bench import RIGS, edited, load
 from rig_bench import MS, START_NS, plant_config
 from test_actuators import armed
 
+from teleop_rt.axis import AxisFault
 from teleop_rt.config_loader import load_trial
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.realtime.clock import WATCHED_UP_TO_NS, RealClock
 from teleop_rt.trial.estimators import pipeline_settings
 from teleop_rt_drivers import registry
+from teleop_rt_drivers.framed.binary import BinaryPacker
 from teleop_rt_drivers.framed.can_port import CanEnd
+from teleop_rt_drivers.framed.config import SerialPortConfig
+from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.format import load_format
+from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.framed.stream import DescriptorStream, StreamGoneError, keep_arrivals
 from teleop_rt_drivers.simulated.plant import Plant
 from teleop_rt_drivers.slow_check import check_stamps
@@ -279,3 +285,31 @@ def test_a_force_that_the_cycle_itself_reads_has_the_stream_s_time():
     line.arrived_ns = bench.now - 300_000
     bench.axis.read_into(bench.sample)
     assert bench.sample.force_stamp_ns == bench.now - 300_000
+
+
+def test_a_watched_port_decodes_what_comes_at_once_and_stamps_it():
+    near, far = os.pipe()
+    os.set_blocking(near, False)
+    counters = new_counters()
+    config = SerialPortConfig(device="wrench", baud=460800, format="wrench_crc16")
+    port = SerialPort("wrench", config, lambda: DescriptorStream(near), counters)
+    stamps: list[int] = []
+    port.sources["wrench"].listen(lambda _, now_ns: stamps.append(now_ns))
+    port.open()
+    packer = BinaryPacker(load_format("wrench_crc16"))
+    port.empty_ns = began_ns = time.monotonic_ns() - 100 * MS
+    os.write(far, packer.pack([0.0] * 9))
+    keep_arrivals(port.watched, 1e-4)
+    assert counters["frames"] == 1, "before the cycle that uses it"
+    looked_ns = port.empty_ns
+    assert began_ns < stamps[0] <= (began_ns + looked_ns) // 2
+    now_ns = looked_ns + 10 * MS
+    os.write(far, packer.pack([0.0] * 9))
+    port.drain(now_ns)
+    assert stamps[1:] == [(looked_ns + now_ns) // 2]
+    os.close(far)
+    keep_arrivals(port.watched, 1e-4)
+    assert port.fault is AxisFault.NONE, "found by the cycle, not by the watch"
+    port.drain(now_ns + MS)
+    assert port.fault is AxisFault.UNPLUGGED
+    port.close()

@@ -9,6 +9,7 @@ import struct
 
 import pytest
 
+from teleop_rt_drivers.framed import taking
 from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
 from teleop_rt_drivers.framed.checksum import KINDS, checksum
 from teleop_rt_drivers.framed.counters import new_counters
@@ -115,7 +116,7 @@ def test_kernels_hear_what_the_parser_hears(name):
         data = spoilt(rng, packer.pack(random_values(rng, format_)))
         for one in both:
             one.parser.feed(data, cycle * MS)
-            one.signal.settle()
+            one.signal.settle(cycle * MS)
         assert both[0].known == both[1].known
     assert 100 < len(left) < 250  # the rest was taken by kernels
     counts = both[0].counters
@@ -134,7 +135,7 @@ def test_a_value_that_is_no_number_is_refused_by_kernels(word):
     parser.reset()
     body = struct.pack("<H6IIf", 0, 0, 0, word, 0, 0, 0, 7, 0.0)
     parser.feed(b"\xaa" + body + struct.pack("<H", checksum("crc16-x25")[0](body)), MS)
-    assert not signal.settle()
+    assert not signal.settle(MS)
     assert (counters["frames"], counters["not_a_number"]) == (1, 1)
 
 
@@ -203,3 +204,20 @@ def test_a_line_is_read_until_it_is_gone():
     os.close(near)
     with pytest.raises(StreamGoneError, match="Bad file descriptor"):
         listener.parser.receive(near, MS)
+
+
+@pytest.mark.parametrize("held", [0, 3])
+def test_a_value_is_too_old_beyond_its_hold_time_and_silent_beyond_its_timeout(held):
+    values = taking.new_values(1)
+    value = values[0]
+    value.candidate = math.nan
+    value.held_ns, value.timeout_ns, value.slack = held, 5, math.inf
+    assert taking.settle(values, 0) == taking.TOO_OLD, "never known"
+    value.candidate, value.candidate_ns = 1.0, 10
+    assert taking.settle(values, 10) == taking.NEW
+    assert not taking.settle(values, 10 + held) & taking.TOO_OLD
+    assert taking.settle(values, 11 + held) & taking.TOO_OLD
+    assert not taking.settle(values, 15) & taking.SILENT
+    assert taking.settle(values, 16) & taking.SILENT
+    value.watched_ns = 11
+    assert not taking.settle(values, 16) & taking.SILENT, "counted from the beginning of the watch"

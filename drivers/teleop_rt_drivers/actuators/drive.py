@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 
 if TYPE_CHECKING:
+    from teleop_rt.axis import Sample
     from teleop_rt_drivers.actuators.part import ActuatorPart
     from teleop_rt_drivers.actuators.port import ActuatorPort
     from teleop_rt_drivers.framed.source import Values
@@ -35,10 +36,11 @@ class ActuatorDrive(FramedDrive):
     def _take_torque(self, values: Values, _: int) -> None:
         self._torque = values[self._torque_slot]
 
-    @property
-    def force(self) -> float | None:
-        """The force that the motor's torque makes [rig unit], to be compared with a sensor's."""
-        return self._gain * self._torque if self._has_sensor and self.known else None
+    def fill(self, sample: Sample) -> None:
+        """Write also the force that the motor's torque makes, to be compared with a sensor's."""
+        super().fill(sample)
+        if self._has_sensor and self.known:
+            sample.drive_force = self._gain * self._torque
 
     @property
     def complaint(self) -> str:

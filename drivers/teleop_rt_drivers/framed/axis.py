@@ -163,7 +163,7 @@ class FramedAxis:
         now_ns = self._now_ns()
         for port in self._ports:
             port.drain(now_ns)
-        silent = [s.source.name for s in self._signals if not (s.settle() or s.known)]
+        silent = [s.source.name for s in self._signals if not (s.settle(now_ns) or s.known)]
         if self._drive is not None and not self._drive.known:
             silent.append(self._drive.name)
         return silent
@@ -182,18 +182,29 @@ class FramedAxis:
 
     def read_into(self, sample: Sample) -> None:
         """Take what has arrived. Never raises."""
-        now_ns = self._now_ns()
+        now_ns, wrong = self._now_ns(), False
         for port in self._ports:
             port.drain(now_ns)
-        for signal in self._signals:
-            signal.settle()
-        if self._drive is not None:
-            self._drive.settle()
+            wrong |= port.fault is not NO_AXIS_FAULT
         if not self._watching:
             self._begin(now_ns)
-        self._find_faults(now_ns)
-        sample.stale = self._stale(now_ns)
-        sample.valid = not sample.stale
+        stale, oldest_ns = "", now_ns
+        for signal in self._signals:
+            signal.settle(now_ns)
+            wrong |= signal.silent
+            oldest_ns = min(oldest_ns, signal.stamp_ns)
+            if not (signal.usable or stale):
+                stale = signal.too_old
+        if (drive := self._drive) is not None:
+            wrong |= drive.settle(now_ns)
+            drive.fill(sample)
+        if wrong:
+            self._find_faults()
+        sample.stamp_ns, sample.stale, sample.valid = oldest_ns, stale, not stale
+        self._fill(sample)
+
+    def _fill(self, sample: Sample) -> None:
+        """Write what is known into the sample, which knows already whether it is valid."""
         if sample.valid:
             self._missing = 0
         else:
@@ -208,11 +219,6 @@ class FramedAxis:
             sample.force_stamp_ns = force.stamp_ns
             if self.drivetrain is not None:
                 self.drivetrain.free(sample)
-        sample.stamp_ns = min([signal.stamp_ns for signal in self._signals], default=now_ns)
-        if (drive := self._drive) is not None:
-            sample.enabled = drive.enabled(now_ns)
-            sample.drive_position = drive.position
-            sample.drive_force = drive.force
         sample.switch = self._switch is not None and self._switch.closed
         sample.missing = self._missing
         sample.rejected = rejected(self.counters)
@@ -265,7 +271,7 @@ class FramedAxis:
         if self._drive is not None:
             self._drive.begin(now_ns)
 
-    def _find_faults(self, now_ns: int) -> None:
+    def _find_faults(self) -> None:
         """Latch the first fault; later ones are its consequences."""
         if self._fault is not NO_AXIS_FAULT:
             return
@@ -276,23 +282,16 @@ class FramedAxis:
         drive = self._drive
         if drive is not None and (drive.faulty or drive.fell_out):
             self._fault, self._complaint = AxisFault.DRIVE_FAULT, drive.complaint
-        elif lost := self._silent(now_ns):
+        elif lost := self._silent():
             self._fault, self._complaint = AxisFault.DEVICE_LOST, lost
 
-    def _stale(self, now_ns: int) -> str:
-        """Return the reason why the first value is too old, "" where none is."""
-        for signal in self._signals:
-            if not signal.usable(now_ns):
-                return signal.too_old
-        return ""
-
-    def _silent(self, now_ns: int) -> str:
+    def _silent(self) -> str:
         """Return which device has been silent for longer than its timeout, "" for none."""
         for signal in self._signals:
-            if signal.silent(now_ns):
+            if signal.silent:
                 return signal.lost
         drive = self._drive
-        return drive.lost if drive is not None and drive.silent(now_ns) else ""
+        return drive.lost if drive is not None and drive.silent else ""
 
 
 def _source(ports: Mapping[str, Port], name: str) -> Source:

@@ -14,7 +14,15 @@ from teleop_rt_drivers.framed.format import SIZE, THREE_BYTES
 from teleop_rt_drivers.framed.source import FieldInfo
 from teleop_rt_drivers.framed.stream import StreamGoneError
 from teleop_rt_drivers.framed.taking import COUNTERS
-from teleop_rt_drivers.framed.whole_frame import FINE, WholeFrames, counted, fits, is_exact
+from teleop_rt_drivers.framed.whole_frame import (
+    FINE,
+    NOTHING,
+    OTHER,
+    WholeFrames,
+    counted,
+    fits,
+    is_exact,
+)
 from teleop_rt_drivers.framed.written_frame import FrameWriter
 
 if TYPE_CHECKING:
@@ -116,13 +124,16 @@ class BinaryParser:
         whole = self._whole
         if whole is None or self._pending:
             return None
-        if found := whole.read(descriptor, is_terminal, now_ns):
+        found = whole.read(descriptor, is_terminal, now_ns)
+        if found == NOTHING:
+            return 0
+        if found != OTHER:
             self._hand_on(whole, found, now_ns)
-        elif received := whole.received:
-            if received < 0:
-                raise StreamGoneError(os.strerror(-received))
-            self._find(whole.data(), now_ns)
-        return whole.received
+            return self._size
+        if (received := whole.received) < 0:
+            raise StreamGoneError(os.strerror(-received))
+        self._find(whole.data(), now_ns)
+        return received
 
     def feed(self, data: bytes, now_ns: int) -> None:
         """Take bytes as they came; at most one unfinished frame is kept."""

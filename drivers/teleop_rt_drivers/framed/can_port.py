@@ -44,6 +44,7 @@ class CanEnd:
         self._stamps = stamps_arrivals(bus)
         self.descriptor = -1 if self._stamps else descriptor_of(bus)
         self.empty_ns = 0
+        self.is_terminal = False
 
     @property
     def watched(self) -> Sequence[Watched]:

@@ -7,6 +7,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from teleop_rt.axis import Sample
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import Port, Source, Values
     from teleop_rt_drivers.quantity import Scale
@@ -30,7 +31,9 @@ class FramedDrive:
     """Asks the drive to follow, and finds out when it does not.
 
     Until it follows, the commanded position is the actual one, so that enabling never jumps. A
-    drive that stops following by itself is not asked to follow again.
+    drive that stops following by itself is not asked to follow again. `settle` finds out whether
+    it is `enabled`, following by a recent report of its own, and whether it is `silent`, for longer
+    than its timeout.
     """
 
     def __init__(
@@ -44,6 +47,7 @@ class FramedDrive:
         self.intent = _IDLE
         self.fell_out = False
         self.known = False
+        self.enabled = self.silent = False
         self.name = answer.name
         self.lost = f"drive ({answer.name}): silent for more than {config.timeout_ms} ms"
         self._config = config
@@ -77,27 +81,9 @@ class FramedDrive:
         self.known = True
 
     @property
-    def force(self) -> float | None:
-        """The force that the drive measures [rig unit]; None where it measures none."""
-        return None
-
-    @property
-    def position(self) -> float | None:
-        """The position that the drive measures [rig unit]."""
-        return self._actual
-
-    @property
     def faulty(self) -> bool:
         """Return whether the drive reports a fault."""
         return self._state == self._states.fault
-
-    def enabled(self, now_ns: int) -> bool:
-        """Return whether the drive follows commands, by a recent report of its own."""
-        return self.intent is _RUNNING and not self.silent(now_ns)
-
-    def silent(self, now_ns: int) -> bool:
-        """Return whether the drive has not answered for longer than its timeout."""
-        return now_ns - self._heard_ns > self._timeout_ns
 
     def reset(self, now_ns: int) -> None:
         """Begin again without power."""
@@ -116,14 +102,22 @@ class FramedDrive:
         self.intent = _ARMING
         self._aligned = self._config.zero == "encoder"
 
-    def settle(self) -> None:
-        """Advance the intent by what this cycle brought."""
+    def settle(self, now_ns: int) -> bool:
+        """Advance the intent by what this cycle brought; return whether anything is wrong."""
         following = self._state == self._states.following
         if self.intent is _ARMING and following:
             self.intent = _RUNNING
         elif self.intent is _RUNNING and not following:
             self.intent = _STOPPED
             self.fell_out = True
+        self.silent = silent = now_ns - self._heard_ns > self._timeout_ns
+        self.enabled = self.intent is _RUNNING and not silent
+        return silent or self.fell_out or self._state == self._states.fault
+
+    def fill(self, sample: Sample) -> None:
+        """Write what the drive reports: its state, and the position that it measures [rig unit]."""
+        sample.enabled = self.enabled
+        sample.drive_position, sample.drive_force = self._actual, None
 
     def command(self, position: float) -> None:
         """Send the command for a position [rig unit]; one that is no number repeats the last."""
@@ -181,15 +175,10 @@ class FramedDrive:
 class ForceDrive(FramedDrive):
     """A drive that takes forces: zero until it follows, and zero for not-a-number."""
 
-    @property
-    def position(self) -> None:
-        """Return no position: what it measures is a force."""
-        return None
-
-    @property
-    def force(self) -> float:
-        """The force that the drive says it pushes with [rig unit]."""
-        return self._actual
+    def fill(self, sample: Sample) -> None:
+        """Write what the drive reports: its state, and the force that it pushes with [rig unit]."""
+        sample.enabled = self.enabled
+        sample.drive_position, sample.drive_force = None, self._actual
 
     def push(self, force: float) -> None:
         """Send the command for a force [rig unit]."""

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault
 from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
-from teleop_rt_drivers.framed.stream import READ_BYTES, DescriptorStream, StreamGoneError
+from teleop_rt_drivers.framed.stream import (
+    READ_BYTES,
+    DescriptorStream,
+    StreamGoneError,
+    arrived_between,
+)
 from teleop_rt_drivers.framed.text import TextParser, text_fields
 
 if TYPE_CHECKING:
@@ -22,7 +28,10 @@ MOST_READS_PER_CYCLE = 4
 
 
 class SerialPort:
-    """One device on a serial port: it sends one kind of frame, and may take one."""
+    """One device on a serial port: it sends one kind of frame, and may take one.
+
+    Arrivals on it may be watched: they are decoded as they come, each with its own time.
+    """
 
     def __init__(
         self,
@@ -32,11 +41,12 @@ class SerialPort:
         counters: dict[str, int],
     ) -> None:
         self.fault = NO_AXIS_FAULT
-        self._name = name
+        self.empty_ns = 0
+        self.descriptor = -1
+        self.is_terminal = False
         self._counters = counters
         self._open_stream = open_stream
         self._stream: ByteStream | None = None
-        self._line: DescriptorStream | None = None
         self._binary: BinaryParser | None = None
         self._start = bytes.fromhex(config.start)
         self._request = bytes.fromhex(config.request)
@@ -61,7 +71,7 @@ class SerialPort:
     @property
     def watched(self) -> list[Watched]:
         """The open line, whose arrivals can be kept."""
-        return [] if self._line is None else [self._line]
+        return [] if self.descriptor < 0 else [self]
 
     def open(self) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
@@ -69,7 +79,9 @@ class SerialPort:
             self.close()
         if self._stream is None:
             self._stream = self._open_stream()
-            self._line = self._stream if isinstance(self._stream, DescriptorStream) else None
+            if isinstance(self._stream, DescriptorStream):
+                self.descriptor = self._stream.descriptor
+                self.is_terminal = self._stream.is_terminal
         self.fault = NO_AXIS_FAULT
         self._stream.flush()
         self._parser.reset()
@@ -80,37 +92,49 @@ class SerialPort:
 
     def drain(self, now_ns: int) -> None:
         """Decode all that has arrived, and ask for the next where the device waits for it."""
-        if self._stream is None or self.fault is not NO_AXIS_FAULT:
+        stream = self._stream
+        if stream is None or self.fault is not NO_AXIS_FAULT:
             return
-        for arrived_ns, data in self._stream.kept:
-            self._parser.feed(data, arrived_ns)
-        self._stream.kept.clear()
+        if stream.kept:
+            for arrived_ns, data in stream.kept:
+                self._parser.feed(data, arrived_ns)
+            stream.kept.clear()
         try:
-            self._receive(self._stream, now_ns)
+            if self._receive(stream, now_ns) >= READ_BYTES:
+                self._receive_more(stream, now_ns)
         except StreamGoneError:
             self.fault = AxisFault.UNPLUGGED
             return
         if self._request:
             self._write(self._request)
 
-    def _receive(self, stream: ByteStream, now_ns: int) -> None:
-        """Read and decode all that waits; a flood is left for the next cycle."""
-        for _ in range(MOST_READS_PER_CYCLE):
-            if self._receive_some(stream, now_ns) < READ_BYTES:
-                return
-        self._counters["flood"] += 1
+    def keep(self) -> None:
+        """Decode what has arrived, with its time. Raises StreamGoneError."""
+        if self._stream is not None:
+            self._receive(self._stream, time.monotonic_ns())
 
-    def _receive_some(self, stream: ByteStream, now_ns: int) -> int:
+    def _receive(self, stream: ByteStream, now_ns: int) -> int:
         """Read and decode once; return how many bytes that was."""
-        line, parser = self._line, self._binary
-        if line is not None and parser is not None and not line.empty_ns:  # no arrival is watched
-            received = parser.receive(line.descriptor, now_ns, is_terminal=line.is_terminal)
+        arrived_ns = now_ns
+        if self.empty_ns:
+            arrived_ns, self.empty_ns = arrived_between(self.empty_ns, now_ns), now_ns
+        if self._binary is not None and self.descriptor >= 0:
+            received = self._binary.receive(
+                self.descriptor, arrived_ns, is_terminal=self.is_terminal
+            )
             if received is not None:  # nearly always
                 return received
         data = stream.read()
         if data:
-            self._parser.feed(data, stream.arrived_ns or now_ns)
+            self._parser.feed(data, stream.arrived_ns or arrived_ns)
         return len(data)
+
+    def _receive_more(self, stream: ByteStream, now_ns: int) -> None:
+        """Read and decode what is left after a whole read; a flood is left for the next cycle."""
+        for _ in range(MOST_READS_PER_CYCLE - 1):
+            if self._receive(stream, now_ns) < READ_BYTES:
+                return
+        self._counters["flood"] += 1
 
     def wait(self, timeout_s: float) -> None:
         """Wait for something to arrive, no longer than that."""
@@ -124,7 +148,8 @@ class SerialPort:
 
     def close(self) -> None:
         """Release the port."""
-        stream, self._stream, self._line = self._stream, None, None
+        stream, self._stream = self._stream, None
+        self.descriptor, self.empty_ns = -1, 0
         if stream is not None:
             stream.close()
 

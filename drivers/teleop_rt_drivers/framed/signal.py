@@ -38,8 +38,10 @@ class Switch:
 class Signal:
     """One value of the rig, from the newest frame that passed every check.
 
-    `value` [rig unit] and `stamp_ns` change only in `settle`. `device_stamp_ns` is the device's
-    own time of the value on our clock, -1 without a clock.
+    `value` [rig unit] and `stamp_ns` change only in `settle`; so does whether the value is `usable`
+    then: new since the last cycle, or no older than its hold time, and whether the source is
+    `silent` for longer than its timeout. `device_stamp_ns` is the device's own time of the value on
+    our clock, -1 without a clock.
     """
 
     def __init__(
@@ -60,23 +62,22 @@ class Signal:
         self.device_stamp_ns = -1
         self.known = False
         self.source = source
-        self._held_ns = round(1e6 * held_ms)
-        self._new = False
-        self._timeout_ns = config.timeout_ms * 1_000_000
+        self.usable = self.silent = False
         self._slot = source.slot(config.field)
         self._counters = counters
         self._status_slot = -1 if config.status is None else source.slot(config.status.field)
         self._good = 0 if config.status is None else config.status.good
-        self._watched_ns = 0
         stored, clock = source.listen_for_value(self._take)
         self._clock, self._clock_slot = None, taking.NOWHERE
         if config.clock is not None:
             self._clock = DeviceClock(config.clock.tick_s, config.clock.bits, clock)
             self._clock_slot = source.slot(config.clock.field)
         self._store(stored, scale, plausible)
+        self._state.held_ns = round(1e6 * held_ms)
+        self._state.timeout_ns = config.timeout_ms * 1_000_000
         self._state.clock_bits = 1 if config.clock is None else config.clock.bits
         self._accept = bound(taking.take, (stored, clock), 0.0, True, 0, 0)  # noqa: FBT003
-        self._settle = bound(taking.settle, (stored,))
+        self._settle = bound(taking.settle, (stored,), 0)
 
     def _store(self, stored: taking.StoredValue, scale: Scale, plausible: Plausible) -> None:
         """Write what kernels are to know of the value, and keep views of it."""
@@ -94,7 +95,7 @@ class Signal:
     def reset(self, now_ns: int) -> None:
         """Forget the value: the next one may be anywhere in range."""
         self.known = False
-        self.stamp_ns = self._watched_ns = self._state.stamp_ns = now_ns
+        self.stamp_ns = self._state.watched_ns = self._state.stamp_ns = now_ns
         self._state.known, self._state.candidate = 0, math.nan
 
     def begin(self, now_ns: int) -> None:
@@ -102,17 +103,9 @@ class Signal:
 
         Values that waited before the loop began have no known sending time.
         """
-        self._watched_ns = now_ns
+        self._state.watched_ns = now_ns
         if self._clock is not None:
             self._clock.reset()
-
-    def silent(self, now_ns: int) -> bool:
-        """Return whether no good value has come for longer than the timeout."""
-        return now_ns - max(self.stamp_ns, self._watched_ns) > self._timeout_ns
-
-    def usable(self, now_ns: int) -> bool:
-        """Return whether the value is new since the last cycle, or not older than its hold time."""
-        return self._new or (self.known and now_ns - self.stamp_ns <= self._held_ns)
 
     def _take(self, values: Values, now_ns: int) -> None:
         """Keep a frame's value if it can be true."""
@@ -127,13 +120,13 @@ class Signal:
         if code := self._accept(raw, good, count, now_ns):
             self._counters[taking.COUNTERS[code]] += 1
 
-    def settle(self) -> bool:
+    def settle(self, now_ns: int) -> bool:
         """Take over what this cycle brought if it did not jump; return whether it is new."""
-        found = self._settle()
-        self._new = new = found == taking.NEW
-        if new:
+        found = self._settle(now_ns)
+        if new := found & taking.NEW > 0:
             self.value, self.stamp_ns = self._floats[_VALUE], self._counts[_STAMP]
             self.device_stamp_ns, self.known = self._counts[_DEVICE_STAMP], True
-        elif found == taking.JUMPED:
+        elif found & taking.JUMPED:
             self._counters["impossible_jump"] += 1
+        self.usable, self.silent = not found & taking.TOO_OLD, found & taking.SILENT > 0
         return new

@@ -35,10 +35,11 @@ class Watched(Protocol):
     """A line or a bus that `keep_arrivals` watches.
 
     `empty_ns` is when it was last seen to hold nothing, 0 while nobody watches it: what is found
-    next arrived since.
+    next arrived since. One that `is_terminal` is looked at, not waited for: see `_LOOKS`.
     """
 
     empty_ns: int
+    is_terminal: bool
 
     @property
     def descriptor(self) -> int:
@@ -180,11 +181,7 @@ def keep_arrivals(watched: Sequence[Watched], seconds: float) -> None:
     What is there at once came while nobody looked. What is gone is left for the next read to find.
     """
     by_descriptor = {one.descriptor: one for one in watched if one.descriptor >= 0}
-    terminals = [
-        descriptor
-        for descriptor, one in by_descriptor.items()
-        if isinstance(one, DescriptorStream) and one.is_terminal
-    ]
+    terminals = [descriptor for descriptor, one in by_descriptor.items() if one.is_terminal]
     look_ns = round(1e9 * seconds / (_LOOKS if terminals else 1))
     end_ns = time.monotonic_ns() + round(1e9 * seconds)
     left_ns = 0

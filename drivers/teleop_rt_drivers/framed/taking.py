@@ -19,14 +19,18 @@ COUNTERS = ("", "bad_status", "not_a_number", "out_of_range", "repeated", "clock
 """By code what counts a frame; the value of one whose time alone is an outlier is kept."""
 FINE, _BAD_STATUS, _NOT_A_NUMBER, _OUT_OF_RANGE, _REPEATED, _CLOCK_OUTLIER = range(len(COUNTERS))
 NOWHERE = -1
-NOTHING, NEW, JUMPED = range(3)
-"""Results of a cycle: no value, a new one, or one that is rejected because it jumped."""
+NOTHING, NEW, JUMPED, TOO_OLD, SILENT = 0, 1, 2, 4, 8
+"""Results of a cycle: no value, a new one, or one that is rejected because it jumped.
+
+Beside it, as bits: there is no new one and the last is too old to be held, and too old at all.
+"""
 
 
 class Value:
     """Fields of a value: its scale, what it can be, the newest frame's and the one taken over.
 
-    Slots are places among the raw values of a frame, NOWHERE where there is none.
+    Slots are places among the raw values of a frame, NOWHERE where there is none. A value is
+    `held_ns` where no new one comes; it is silent after `timeout_ns`, counted from `watched_ns`.
     """
 
     offset: float
@@ -48,6 +52,9 @@ class Value:
     good: float
     clock_slot: int
     clock_bits: int
+    held_ns: int
+    timeout_ns: int
+    watched_ns: int
 
 
 _VALUE = record_type(Value)
@@ -111,9 +118,20 @@ def take_numbers(s: Any, c: Any, numbers: NDArray[np.float64], now_ns: int) -> i
 
 
 @kernel
-def settle(stored: StoredValue) -> int:
-    """Take over what this cycle brought if it did not jump; return what that is."""
+def settle(stored: StoredValue, now_ns: int) -> int:
+    """Take over what this cycle brought, and judge its age; return what that is."""
     s: Any = stored[0]
+    found = take_over(s)
+    if found != NEW and (s.known == 0 or now_ns - s.stamp_ns > s.held_ns):
+        found |= TOO_OLD
+    if now_ns - max(s.stamp_ns, s.watched_ns) > s.timeout_ns:
+        found |= SILENT
+    return int(found)
+
+
+@kernel
+def take_over(s: Any) -> int:
+    """Take over what this cycle brought if it did not jump; return what that is."""
     candidate = s.candidate
     s.candidate = math.nan
     if math.isnan(candidate):

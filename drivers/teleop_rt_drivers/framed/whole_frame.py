@@ -31,6 +31,8 @@ UNSIGNED, SIGNED, FLOAT = range(3)
 """Kinds of the number in a field."""
 SINGLE = 4
 """Bytes of a floating-point number of 32 bits."""
+NOTHING = -1
+"""Result for a line on which nothing waits."""
 OTHER = 0
 """Result for what is no whole frame that comes next: the parser is to look at it."""
 FINE = 1
@@ -170,14 +172,17 @@ def take_read(
     is_terminal: bool,
     now_ns: int,
 ) -> int:
-    """Read what waits at a descriptor into the memory and take it as `take_whole` does."""
+    """Read what waits at a descriptor into the memory and take it as `take_whole` does.
+
+    Where nothing waits, NOTHING is returned; OTHER, too, where the line is gone.
+    """
     frame: Any = frames[0]
     if is_terminal:
         frame.received = read_delivered(descriptor, memory, frame.place)
     else:
         frame.received = read_bytes(descriptor, frame.place, len(memory))
     if frame.received <= 0:
-        return OTHER
+        return NOTHING if frame.received == 0 else OTHER
     return take_whole(
         frames, check, table, sync, end, places, last, numbers, values, clocks, memory,
         frame.received, now_ns,
