@@ -53,7 +53,7 @@ class Scale:
 
     def counts(self, value: float) -> int:
         """Return the nearest device counts of a value [rig unit]."""
-        return round(self.raw(value))
+        return round(self.sign * (value - self.offset) / self.per_count)  # as `raw`, in one call
 
 
 @dataclass(frozen=True, slots=True)

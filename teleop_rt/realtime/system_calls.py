@@ -49,6 +49,7 @@ def _error_of_c_library() -> Callable[[], Sequence[int]]:
 
 _receive = _of_c_library("recvmmsg", "int32", "int32", "int64", "int32", "int32", "int64")
 _read = _of_c_library("read", "int64", "int32", "int64", "int64")
+_write = _of_c_library("write", "int64", "int32", "int64", "int64")
 _ioctl = _of_c_library("ioctl", "int32", "int32", "int64", "int64")
 _send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
@@ -102,6 +103,19 @@ def read_delivered(descriptor: int, memory: NDArray[np.uint8], place: int) -> in
     for byte in range(_COUNT_BYTES):
         count |= np.int64(memory[byte]) << np.int64(8 * byte)
     return read_bytes(descriptor, place, len(memory)) if count > 0 else 0
+
+
+@kernel
+def write_bytes(descriptor: int, place: int, length: int) -> int:
+    """Write bytes that lie at an address to a non-blocking descriptor; return how many it took.
+
+    That is 0 where it takes none now, and minus an error's number where the other end is gone.
+    """
+    count: int = _write(descriptor, place, length)
+    if count >= 0:
+        return count
+    code = _error()[0]
+    return 0 if code in (_AGAIN, _INTERRUPTED) else -code
 
 
 @kernel

@@ -6,19 +6,23 @@ import math
 import os
 import random
 import struct
+import tty
 
 import pytest
 
+from teleop_rt.axis import AxisFault
 from teleop_rt_drivers.framed import taking
 from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
 from teleop_rt_drivers.framed.checksum import KINDS, checksum
+from teleop_rt_drivers.framed.config import SerialPortConfig
 from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.framed.format import SIZE, BinaryFormat, load_format
 from teleop_rt_drivers.framed.remainder import check_of, new_check
+from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.framed.signal import Signal
 from teleop_rt_drivers.framed.signal_config import ClockConfig, PositionSignal, StatusConfig
 from teleop_rt_drivers.framed.source import Source
-from teleop_rt_drivers.framed.stream import StreamGoneError
+from teleop_rt_drivers.framed.stream import DescriptorStream, StreamGoneError
 from teleop_rt_drivers.quantity import Plausible, Scale
 
 MS = 1_000_000
@@ -152,7 +156,7 @@ def test_kernels_write_what_the_packer_writes(name):
     format_ = FORMATS[name]
     rng = random.Random(name)  # noqa: S311 - reproducible
     both = [BinaryPacker(format_), BinaryPacker(format_)]
-    both[1]._writer = None
+    both[1].writer = None
     for _ in range(300):
         values = [one * rng.choice([1, 1, 1.5, -0.5, 300]) for one in random_values(rng, format_)]
         values[TYPES.index("f32")] = rng.choice([0.1, math.inf, -3e38, math.nan])
@@ -221,3 +225,34 @@ def test_a_value_is_too_old_beyond_its_hold_time_and_silent_beyond_its_timeout(h
     assert taking.settle(values, 16) & taking.SILENT
     value.watched_ns = 11
     assert not taking.settle(values, 16) & taking.SILENT, "counted from the beginning of the watch"
+
+
+def test_a_command_goes_to_its_line_until_that_is_full_or_gone():
+    config = SerialPortConfig(
+        device="drive", baud=921600, format="position_drive_answer",
+        command_format="position_drive_command",
+    )  # fmt: skip
+    far, near = os.openpty()
+    tty.setraw(near)
+    os.set_blocking(near, False)
+    counters = new_counters()
+    port = SerialPort("drive", config, lambda: DescriptorStream(near), counters)
+    packer = BinaryPacker(load_format("position_drive_command"))
+    port.open()
+    for target in (3.0, -7.6):
+        port.send("drive", [0.0, 1.0, target])
+        wanted = packer.pack([0.0, 1.0, target])
+        assert os.read(far, 64) == wanted
+    with pytest.raises(ValueError, match="NaN"):
+        port.send("drive", [0.0, 1.0, math.nan])
+    assert counters["send_failed"] == 0
+    for _ in range(100_000):
+        port.send("drive", [0.0, 1.0, 0.0])
+        if counters["send_failed"]:
+            break
+    assert counters["send_failed"] == 1
+    assert port.fault is AxisFault.NONE
+    os.close(far)
+    port.send("drive", [0.0, 1.0, 0.0])
+    assert port.fault is AxisFault.UNPLUGGED
+    port.close()

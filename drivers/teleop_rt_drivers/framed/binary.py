@@ -204,7 +204,10 @@ class BinaryParser:
 
 
 class BinaryPacker:
-    """Makes frames from raw values; counts and checksums them."""
+    """Makes frames from raw values; counts and checksums them.
+
+    `writer` does it by a kernel, None where numbers of 64 bits do not hold a frame's.
+    """
 
     def __init__(self, frame: BinaryFormat) -> None:
         self.fields = binary_fields(frame)
@@ -223,11 +226,11 @@ class BinaryPacker:
         self._counter = None if frame.counter is None else names.index(frame.counter)
         next_count = np.zeros(1, np.int64)
         self._count = next_count.data
-        self._writer = FrameWriter(frame, next_count) if fits(frame) else None
+        self.writer = FrameWriter(frame, next_count) if fits(frame) else None
 
     def pack(self, values: Values) -> bytes:
         """Return a frame; whole numbers are rounded and kept within what the field can hold."""
-        if self._writer is not None and (frame := self._writer.write(values)) is not None:
+        if self.writer is not None and (frame := self.writer.write(values)) is not None:
             return frame
         raw: list[float] = []
         for value, (low, high), whole in zip(values, self._bounds, self._whole, strict=True):

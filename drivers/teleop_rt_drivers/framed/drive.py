@@ -123,13 +123,15 @@ class FramedDrive:
         """Send the command for a position [rig unit]; one that is no number repeats the last."""
         if self.intent is not _RUNNING:
             self._target = self._at_rest()
-        elif math.isfinite(position):
+            self._send(self._control())
+            return
+        if math.isfinite(position):
             if not self._aligned:
                 self._align(position)
             self._target = position
         else:
             self._counters["bad_command"] += 1
-        self._send(self._control())
+        self._send(self._controls.follow)
 
     def _align(self, position: float) -> None:
         """Take the position as that where the drive stands."""

@@ -16,6 +16,7 @@ from teleop_rt_drivers.framed.stream import (
     arrived_between,
 )
 from teleop_rt_drivers.framed.text import TextParser, text_fields
+from teleop_rt_drivers.framed.written_frame import NO_WORD
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -143,8 +144,17 @@ class SerialPort:
 
     def send(self, command: str, values: Values) -> None:  # noqa: ARG002 - the port has but one
         """Send a command frame of raw values."""
-        if self._packer is not None:
-            self._write(self._packer.pack(values))
+        packer = self._packer
+        if packer is None or self.fault is not NO_AXIS_FAULT:
+            return
+        writer = None if self.descriptor < 0 else packer.writer
+        sent = NO_WORD if writer is None else writer.send(values, self.descriptor)
+        if writer is None or sent == NO_WORD:
+            self._write(packer.pack(values))
+        elif sent < 0:
+            self.fault = AxisFault.UNPLUGGED
+        elif sent < writer.size:
+            self._counters["send_failed"] += 1
 
     def close(self) -> None:
         """Release the port."""

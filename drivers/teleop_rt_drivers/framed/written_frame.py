@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from teleop_rt.jit import bound, kernel
+from teleop_rt.realtime.system_calls import write_bytes
 from teleop_rt_drivers.framed.remainder import NONE, Bytes, StoredCheck, Table, check_of
 from teleop_rt_drivers.framed.whole_frame import FLOAT, SIGNED, SINGLE, UNSIGNED, described
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.framed.format import BinaryFormat
     from teleop_rt_drivers.framed.source import Values
-    from teleop_rt_drivers.framed.whole_frame import Frames, Numbers, Places, Whole
+    from teleop_rt_drivers.framed.whole_frame import Frame, Frames, Numbers, Places, Whole
 
+NO_WORD = -1 << 20
+"""In place of a number of bytes: a field has no word for a number, and nothing was sent."""
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 
 
@@ -87,16 +90,44 @@ def write_frame(
     return True
 
 
+@kernel
+def send_frame(
+    frames: Frames,
+    check: StoredCheck,
+    table: Table,
+    sync: Bytes,
+    end: Bytes,
+    places: Places,
+    next_count: Whole,
+    wanted: Numbers,
+    data: Bytes,
+    descriptor: int,
+) -> int:
+    """Write a frame as `write_frame` does, and send it; return as `write_bytes`, or NO_WORD."""
+    if not write_frame(frames, check, table, sync, end, places, next_count, wanted, data):
+        return NO_WORD
+    frame: Any = frames[0]
+    return write_bytes(descriptor, frame.place, frame.length)
+
+
 class FrameWriter:
     """Writes frames of one format; `next_count` (1,) is the count of the next one."""
 
     def __init__(self, format_: BinaryFormat, next_count: Whole) -> None:
         wanted, data = np.zeros(len(format_.fields)), np.zeros(format_.size, np.uint8)
         self._fill = struct.Struct(f"{len(wanted)}d").pack_into
-        self._wanted, self._data = wanted.data, data.data
-        self._write = bound(write_frame, (*described(format_), next_count, wanted, data))
+        self._wanted, self._data, self.size = wanted.data, data.data, format_.size
+        arrays = (*described(format_), next_count, wanted, data)
+        cast("Frame", arrays[0][0]).place = data.ctypes.data
+        self._write = bound(write_frame, arrays)
+        self._send = bound(send_frame, arrays, 0)
 
     def write(self, values: Values) -> bytes | None:
         """Return the frame of these raw values; None where a field has no word for one."""
         self._fill(self._wanted, 0, *values)
         return bytes(self._data) if self._write() else None
+
+    def send(self, values: Values, descriptor: int) -> int:
+        """Send the frame of these raw values as `send_frame` does."""
+        self._fill(self._wanted, 0, *values)
+        return self._send(descriptor)
