@@ -97,7 +97,7 @@ def rig_text(
     sensor_port: str | None = None,
 ) -> str:
     """Return the text of a rig's file. Raises NewRigError for a combination that cannot be."""
-    _refuse_unknown(("--drive", drive, DRIVES), ("--sensor", sensor, SENSORS))
+    refuse_unknown_kinds(drive, adapter, sensor)
     _refuse_adapter(drive, adapter)
     position = position or ("encoder" if (drive, sensor) in ENCODERS else "drive")
     _refuse_unknown(("--position", position, POSITIONS))
@@ -133,21 +133,31 @@ def _with_sensor_port(text: str, sensor: str, adapter: str, port: str) -> str:
 
 def handle_text(drive: str, adapter: str, channel: str | None) -> str:
     """Return the text of an operator's device that is one drive. Raises NewRigError."""
-    _refuse_unknown(("--handle with --drive", drive, HANDLES))
+    _refuse_unknown(
+        ("--handle with --drive", drive, HANDLES), ("--adapter", adapter, tuple(CHANNELS))
+    )
     _refuse_adapter(drive, adapter)
     at = channel or ("handle" if adapter == "unix" else None)
     return _on_adapter(_preset(drive, "_handle"), drive, adapter, at)
 
 
-def _refuse_unknown(*options: tuple[str, str, tuple[str, ...]]) -> None:
+def refuse_unknown_kinds(drive: str | None, adapter: str | None, sensor: str | None) -> None:
+    """Raise NewRigError for a kind that does not exist; None is not given yet."""
+    _refuse_unknown(
+        ("--drive", drive, DRIVES),
+        ("--adapter", adapter, tuple(CHANNELS)),
+        ("--sensor", sensor, SENSORS),
+    )
+
+
+def _refuse_unknown(*options: tuple[str, str | None, tuple[str, ...]]) -> None:
     for what, given, known in options:
-        if given not in known:
+        if given is not None and given not in known:
             raise NewRigError(f"{what} {given}: is not one of {', '.join(known)}")
 
 
 def _refuse_adapter(drive: str, adapter: str) -> None:
     """Refuse an adapter that does not fit the drive's wire."""
-    _refuse_unknown(("--adapter", adapter, tuple(CHANNELS)))
     if drive in ON_LINES and adapter not in {"serial", "unix"}:
         raise NewRigError(f"{drive} is on a serial line: take --adapter serial, --channel its port")
     if drive not in ON_LINES and adapter == "serial":

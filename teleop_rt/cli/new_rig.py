@@ -62,7 +62,9 @@ def new_rig(
 ) -> None:
     """Write a rig file for a drive, an adapter and a force sensor; asks for missing options."""
     from teleop_rt_drivers import new_rig as made  # noqa: PLC0415 - loads all drivers
+    from teleop_rt_drivers.rig_text import refuse_unknown_kinds  # noqa: PLC0415 - as above
 
+    refuse_unknown_kinds(drive, adapter, sensor)
     known = {"--drive": (drive, DRIVE), "--adapter": (adapter, ADAPTER)}
     known |= {} if handle else {"--sensor": (sensor, SENSOR)}
     missing = [f"{option} ({kinds})" for option, (given, kinds) in known.items() if given is None]

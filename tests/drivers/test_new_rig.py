@@ -150,6 +150,23 @@ def test_an_option_that_nobody_can_be_asked_for_is_named_and_nothing_is_written(
     assert not file.exists()
 
 
+@pytest.mark.parametrize(
+    ("option", "given", "known"),
+    [
+        ("--drive", "odrve", "odrive, damiao"),
+        ("--adapter", "can0", "socketcan"),
+        ("--sensor", "none", "wrench"),
+    ],
+)
+def test_an_unknown_kind_is_refused_before_missing_options_are_asked_for(
+    option, given, known, tmp_path, call
+):
+    code, _, errors = call("new-rig", str(tmp_path / "rig.yaml"), option, given)
+    assert code == 2
+    assert errors.startswith(f"{option} {given}: is not one of ")
+    assert known in errors
+
+
 def test_the_schema_that_a_rig_names_for_editors_is_beside_it(tmp_path):
     file = tmp_path / "rig.yaml"
     write_rig(file, rig_text("odrive", "unix", "wrench", None))
