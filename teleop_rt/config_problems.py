@@ -75,7 +75,7 @@ def problem_of(
     elif detail["type"] == "tuple_type":
         message = f"must be a list (it is {_shown(detail['input'])})"
     elif detail["type"] == "string_type" and isinstance(detail["input"], bool | int | float):
-        message = f"must be text, and {_shown(detail['input'])} is none: put it in quotes"
+        message = f"must be text (it is {_shown(detail['input'])}): put it in quotes"
     elif detail["type"] in _NUMBERS:
         message = _no_number(_NUMBERS[detail["type"]], detail["input"])
     elif not isinstance(detail["input"], dict):
@@ -90,7 +90,7 @@ def _no_number(wanted: str, given: object) -> str:
     """Say that a number is needed, and how a decimal comma is to be written."""
     comma = _DECIMAL_COMMA.fullmatch(given) if isinstance(given, str) else None
     hint = f": use a point for decimals, {comma[1]}.{comma[2]}" if comma else ""
-    return f"must be {wanted}, and {_shown(given)} is none{hint}"
+    return f"must be {wanted} (it is {_shown(given)}){hint}"
 
 
 def _wrong_tag(schema: type[Section], detail: ErrorDetails) -> str:

@@ -64,12 +64,14 @@ DEEPEST = 40
 
 _TOO_MUCH = (
     f"holds more than {MOST_NODES} values, with its aliases, or is nested deeper than {DEEPEST}:"
-    " this is no config file"
+    " give a trial or a rig, not its data"
 )
 _CORE = "tag:yaml.org,2002:"
 _CORE_TAGS = {f"{_CORE}{name}" for name in ("map", "seq", "str", "null", "bool", "int", "float")}
 """Of YAML 1.2; others would make dates, sets or objects of what no schema here wants."""
 
+
+_CHECK = "check brackets, quotes and indentation in this line and those above"
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 """Characters that control a terminal when the text is printed; tab and line end do not."""
@@ -137,14 +139,12 @@ def read_yaml(path: Path) -> Document:
     except FileNotFoundError:
         raise ConfigError([Problem(str(path), "no such file: check the path")]) from None
     except UnicodeDecodeError:
-        raise ConfigError(
-            [Problem(str(path), "is no text: a YAML file in UTF-8 is needed")]
-        ) from None
+        raise ConfigError([Problem(str(path), "is not text: give a YAML file in UTF-8")]) from None
     except OSError as error:
         reason = f"cannot be read: {error.strerror}: give a YAML file that this user may read"
         raise ConfigError([Problem(str(path), reason)]) from None
     if len(data) > MOST_BYTES:
-        reason = f"is larger than {MOST_BYTES // 1024} kB: this is no config file"
+        reason = f"is larger than {MOST_BYTES // 1024} kB: give a trial or a rig, not its data"
         raise ConfigError([Problem(str(path), reason)])
     return _read(text, str(path))
 
@@ -168,7 +168,7 @@ def _read(text: str, name: str) -> Document:
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         what = error.problem or "is not valid YAML"
-        raise ConfigError([Problem(f"{name}:{line}", f"YAML syntax: {what}")]) from None
+        raise ConfigError([Problem(f"{name}:{line}", f"YAML syntax: {what}; {_CHECK}")]) from None
     except yaml.YAMLError as error:
         raise ConfigError([Problem(name, f"YAML syntax: {error}")]) from None
     except (ValueError, RecursionError, TypeError) as error:

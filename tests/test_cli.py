@@ -68,7 +68,7 @@ def test_a_run_without_a_terminal_prints_a_table_with_units(call):
     [
         (["none.yaml"], "none.yaml: no such file"),
         (["."], ".: cannot be read: Is a directory: give a YAML file"),
-        ([sys.executable], ": is no text: a YAML file in UTF-8 is needed"),
+        ([sys.executable], ": is not text: give a YAML file in UTF-8"),
         ([SILICONE, "--set", "link.loss=2"], "--set link.loss=2: link.loss: must be less"),
         ([SILICONE, "--duration", "-1"], "duration_s: must be greater than 0"),
         ([SILICONE, "--set", "rig=nowhere.yaml"], "no file"),

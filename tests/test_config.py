@@ -157,7 +157,7 @@ def test_an_override_without_its_unit_says_nothing_of_the_right_key_in_the_file(
 
 def test_a_decimal_comma_is_refused_with_the_point_that_is_meant(tmp_path):
     found = problems_of(tmp_path, overrides=["duration_s=20,5"])
-    assert found[0].endswith("must be a number, and '20,5' is none: use a point for decimals, 20.5")
+    assert found[0].endswith("must be a number (it is '20,5'): use a point for decimals, 20.5")
 
 
 def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path):
@@ -191,7 +191,7 @@ def test_scalars_are_read_as_people_mean_them(text, value):
 
 def test_text_is_no_number(tmp_path):
     found = problems_of(tmp_path, trial=TRIAL.replace("duration_s: 5", "duration_s: 12:30"))
-    assert found == ["trial.yaml:3: duration_s: must be a number, and '12:30' is none"]
+    assert found == ["trial.yaml:3: duration_s: must be a number (it is '12:30')"]
 
 
 def test_a_key_given_twice_is_an_error(tmp_path):
@@ -249,7 +249,7 @@ def test_an_override_reaches_trial_and_rig_and_is_validated_alike(tmp_path):
         "--set link.round_trip=1: link.round_trip: unknown key; did you mean 'round_trip_ms'?"
     ]
     assert problems_of(tmp_path, overrides=["name=4057"]) == [
-        "--set name=4057: name: must be text, and 4057 is none: put it in quotes"
+        "--set name=4057: name: must be text (it is 4057): put it in quotes"
     ]
     assert load_trial(path, AXES, PLANTS, ['name="4057"']).name == "4057"
     assert problems_of(tmp_path, overrides=["link"]) == ["--set link: write key.path=value"]
@@ -296,6 +296,7 @@ def test_a_missing_rig_an_unknown_driver_and_broken_yaml_each_get_one_message(tm
     assert unknown == ["rig.yaml:11: rig.axis.driver: 'magic' is not one of: bench, plain"]
     (broken,) = problems_of(tmp_path, trial="a: [1, 2\nb: 3\n")
     assert broken.startswith("trial.yaml:2: YAML syntax")
+    assert broken.endswith("; check brackets, quotes and indentation in this line and those above")
     (empty,) = problems_of(tmp_path, trial="")
     assert "must hold keys and values" in empty
 

@@ -191,7 +191,7 @@ class SdoNode:
     def _no_answer(self, error: Exception) -> AxisError:
         return AxisError(
             f"no answer from {self.label} on {self._where} ({error}): check power, wiring, "
-            "termination, bit rate and node id; a simulated rig is started with `teleop-rt sim`"
+            "termination, bit rate and node id; `teleop-rt sim TRIAL` starts a simulated rig"
         )
 
     def _refused(self, verb: str, entry: Entry, error: Exception) -> AxisError:
