@@ -18,7 +18,7 @@ _BYTES = 8
 """Of a number."""
 
 
-class Columns:
+class TopicColumns:
     """The rows of a topic as columns; every second one is dropped where they grow too many."""
 
     def __init__(

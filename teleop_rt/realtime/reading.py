@@ -13,7 +13,7 @@ from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.columns import Columns, Rows
+from teleop_rt.realtime.columns import Rows, TopicColumns
 from teleop_rt.realtime.mcap_index import count_messages, declared_channels
 from teleop_rt.realtime.mcap_records import (
     CUT_OFF,
@@ -187,7 +187,7 @@ def read_topics(
     nothing, is read up to its last whole chunk. A topic that the file does not hold is absent from
     the answer. Raises RecordingError where the file is no MCAP, or does not fit into memory.
     """
-    found: dict[str, Columns] = {}
+    found: dict[str, TopicColumns] = {}
     counts = count_messages(path)
     may_take = most_bytes()
     for block, channels in _wanted_blocks(path, topics):
@@ -196,7 +196,7 @@ def read_topics(
                 continue
             if topic not in found:
                 wanted, limit = (names or {}).get(topic), _limit(topic, most or {})
-                found[topic] = Columns(wanted, limit, counts.get(topic, 0), may_take)
+                found[topic] = TopicColumns(wanted, limit, counts.get(topic, 0), may_take)
             try:
                 found[topic].take(block.data, places)
             except (ValueError, KeyError, TypeError, IndexError, OverflowError):

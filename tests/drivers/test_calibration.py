@@ -24,7 +24,7 @@ from teleop_rt_drivers.calibration.lag import LagFit
 from teleop_rt_drivers.calibration.rig_file import rewrite, with_values
 from teleop_rt_drivers.calibration.shown import WORDS, lines
 from teleop_rt_drivers.calibration.torque_lag import TorqueLag
-from teleop_rt_drivers.calibration.weights import CalibrationError, ForceFit, Reading, fit_weights
+from teleop_rt_drivers.calibration.weights import CalibrationError, ForceFit, Weighing, fit_weights
 from teleop_rt_drivers.calibration.work import masses_of
 
 CELL = RIGS / "simulated_load_cell.yaml"
@@ -67,7 +67,7 @@ def test_weights_find_scale_and_offset_of_a_cell_that_was_set_up_wrong(tmp_path)
 def steady(force, reads, noise=0.01, rise=0.0, n=200):
     rng = np.random.default_rng(3)
     ramp = np.linspace(-0.5, 0.5, n) * rise
-    return Reading(force, reads + ramp + noise * rng.standard_normal(n), 2.0)
+    return Weighing(force, reads + ramp + noise * rng.standard_normal(n), 2.0)
 
 
 @pytest.mark.parametrize(

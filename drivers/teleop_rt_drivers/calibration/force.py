@@ -9,7 +9,7 @@ import numpy as np
 
 from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.slave.faults import of_axis
-from teleop_rt_drivers.calibration.weights import CalibrationError, Reading
+from teleop_rt_drivers.calibration.weights import CalibrationError, Weighing
 from teleop_rt_drivers.canopen.config import CanopenPart
 from teleop_rt_drivers.framed.config import FramedPart
 from teleop_rt_drivers.quantity import FROM_INPUT
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def read_force(
     axis: Axis, wait_cycle: Wait, now_ns: Callable[[], int], force: float, seconds: float
-) -> Reading:
+) -> Weighing:
     """Read the sensor for a time under a known force, each new value once; nothing is armed.
 
     Raises CalibrationError where a device has a fault.
@@ -45,7 +45,7 @@ def read_force(
         if sample.valid and sample.force_stamp_ns != last_ns:
             last_ns = sample.force_stamp_ns
             taken.append(sample.force)
-    return Reading(force, np.array(taken), seconds)
+    return Weighing(force, np.array(taken), seconds)
 
 
 def force_keys(rig: RigConfig, fit: ForceFit) -> dict[KeyPath, float]:

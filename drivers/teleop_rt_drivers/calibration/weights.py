@@ -28,7 +28,7 @@ class CalibrationError(ExpectedError):
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class Weighing:
     """The sensor's reading under a known force: n samples over seconds, both in the rig's unit."""
 
     force: float
@@ -73,7 +73,7 @@ UNSEEN_SHARE = 0.5
 """Of a reading's noise: what all weights together change by less than that may be noise."""
 
 
-def fit_weights(readings: list[Reading]) -> ForceFit:
+def fit_weights(readings: list[Weighing]) -> ForceFit:
     """Return the line through readings of two or more forces. Raises CalibrationError."""
     forces = np.array([reading.force for reading in readings])
     if len(set(forces.tolist())) < 2:
@@ -98,7 +98,7 @@ def fit_weights(readings: list[Reading]) -> ForceFit:
     return _judged(readings, float(factor), float(offset), float(np.ptp(forces)))
 
 
-def _judged(readings: list[Reading], factor: float, offset: float, span: float) -> ForceFit:
+def _judged(readings: list[Weighing], factor: float, offset: float, span: float) -> ForceFit:
     """Return the fit, unless the readings are no line, noisy or moving. Raises CalibrationError."""
     if not 1.0 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
         raise CalibrationError(

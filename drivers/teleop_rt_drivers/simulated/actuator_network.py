@@ -28,7 +28,7 @@ EXTENDED, WIDE = 0x8000_0000, 0x4000_0000
 FRAME_FAULTS = ("wrong_id", "swapped_bytes")
 
 
-class Drive(Protocol):
+class Actuator(Protocol):
     """A simulated drive, whatever its wire."""
 
     refuses: bool
@@ -58,7 +58,7 @@ class Drive(Protocol):
         """Fail for being too hot."""
 
 
-class CanDrive(Drive, Protocol):
+class CanDrive(Actuator, Protocol):
     """A simulated drive on a CAN bus."""
 
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
@@ -81,7 +81,7 @@ class ActuatorNetwork:
         self,
         config: ActuatorPart,
         plant: Plant,
-        drive: Drive,
+        drive: Actuator,
         now_ns: Callable[[], int],
         seed: int,
         latched: Callable[[], None],
@@ -97,7 +97,7 @@ class ActuatorNetwork:
         gives = ["drive"]
         gives += ["encoder"] if config.position else []
         gives += ["force sensor"] if config.force else []
-        self.devices: Mapping[str, Drive] = dict.fromkeys(gives, self.drive)
+        self.devices: Mapping[str, Actuator] = dict.fromkeys(gives, self.drive)
 
     def power_on(self) -> None:
         """Switch the drive on."""

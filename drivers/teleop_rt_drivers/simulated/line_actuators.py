@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from teleop_rt_drivers.framed.stream import StreamGoneError
-from teleop_rt_drivers.simulated.actuator_network import ActuatorNetwork, Drive
+from teleop_rt_drivers.simulated.actuator_network import Actuator, ActuatorNetwork
 from teleop_rt_drivers.simulated.dynamixel import SimulatedDynamixel
 from teleop_rt_drivers.simulated.feetech import SimulatedFeetech
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     MakeDrive = Callable[[ActuatorPart, Plant, Callable[[int, bytes], None], int], "LineDrive"]
 
 
-class LineDrive(Drive, Protocol):
+class LineDrive(Actuator, Protocol):
     """A simulated drive on a serial line."""
 
     def receive(self, data: bytes, now_ns: int) -> bool:

@@ -11,7 +11,7 @@ from teleop_rt.batch.bar import Bar, bar
 from teleop_rt.diagnosis.phases import heard_by
 
 
-class Steps:
+class Phases:
     """Names each phase when it begins, and its duration when it ends.
 
     A phase with its own display, such as a run, gets no bar beside it. Work between phases is
@@ -60,9 +60,9 @@ class Steps:
 
 
 @contextmanager
-def steps(between: str, *, quiet: bool) -> Iterator[Steps]:
+def phases(between: str, *, quiet: bool) -> Iterator[Phases]:
     """Give the phases of a command, and hear those of a diagnosis meanwhile."""
-    shown = Steps(between, quiet=quiet)
+    shown = Phases(between, quiet=quiet)
     listener: Callable[[str], None] = shown.heard
     with heard_by(listener):
         try:
