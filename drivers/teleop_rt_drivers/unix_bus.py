@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 
 _pack = FRAME.pack
 _BUFFER_BYTES = 4 << 20
-_MODE = 0o700
+"""Send buffer of a socket: frames wait there while the other program stalls."""
+_MODE = 0o700  # of a bus's folder: other users take no part
 _SUFFIX = ".can"
 _MEET_EVERY = 16
 """Readings of all waiting frames between two searches for new programs."""

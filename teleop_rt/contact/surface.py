@@ -45,6 +45,8 @@ BUFFER = 512
 LEAST_SAMPLES = 100.0
 """Samples below which neither line nor power law is fitted."""
 IDLE, SEARCH_STEPS, DONE = 0.0, 26.0, 29.0
+"""Steps of a refit: golden sections, each 0.62 of the last (26: 4e-6 of the span), then a fit, a
+comparison and the end; one in each tick, so that no tick pays for all."""
 GOLDEN = 0.6180339887498949
 """(sqrt 5 - 1)/2, the share of an interval that golden-section search keeps."""
 # A line is believed when its residual is below these: deviations of noise, share of the force.

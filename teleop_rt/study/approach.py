@@ -22,6 +22,7 @@ from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 
 ROUND_TRIPS_MS = (150.0, 500.0, 1000.0, 2000.0)
+"""From the shipped trials' own to 2 s, where operators without a model move and wait."""
 SPEEDS_MM_PER_S = (10.0, 40.0)
 """Of a hand that nearly waits for the slave on a link of 2 s, and of one that hurries."""
 LONGEST_S, LONGEST_TRIPS = 3.0, 8.0

@@ -22,6 +22,7 @@ Matrix = NDArray[np.float64]
 Signal = NDArray[np.float64]
 
 FREQUENCIES_HZ = (0.5, 1.0, 3.0, 5.0, 10.0)
+"""Of figures 4.2 and 4.3."""
 METHODS = tuple(itertools.product(REGRESSIONS, SOLVERS))
 REPORTED = {
     "kelvin-voigt": (("direct", "rls"), ("direct", "iec"), ("algebraic", "rls")),
@@ -32,7 +33,8 @@ REPORTED = {
 }  # fmt: skip
 """The methods of table 4.1; the study runs every solver on both regressions."""
 SETTLED = 0.02
-_KEPT = 160
+"""Of the true value: a parameter that stays as near to it has settled."""
+_KEPT = 160  # points of a curve on a logarithmic axis of time
 
 
 def cases(

@@ -44,7 +44,10 @@ CURVED = {"k": 14000.0, "b": 160.0, "n": 1.3}
 SHOWN = (("direct", "rls"), ("direct", "iec"), ("algebraic", "rls"))
 """The three methods of figures 4.6 to 4.9."""
 SETTLED_AFTER_S = 1.5
-_POINTS, _WINDOW_S, _SLOW = 400, 0.7, 0.2
+"""Time in contact from which errors count."""
+_POINTS = 400  # per curve
+_WINDOW_S = 0.7  # two periods at 3 Hz
+_SLOW = 0.2  # of the speed: below it the motion turns over
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,9 +33,11 @@ from teleop_rt.study.delay_world import (
 
 ROUND_TRIPS_MS = (0.0, 30.0, 150.0, 270.0, 700.0, 1000.0, 2000.0, 4000.0)
 LOSSES = (0.0, 0.1)
+"""Round trips from one room to beyond the Moon; no loss, and a bad radio link."""
 MODES: tuple[Mode, ...] = get_args(Mode)
 ENVIRONMENTS: tuple[EnvironmentName, ...] = get_args(EnvironmentName)
 GAIN_STEP = 0.1
+"""The coupling gain falls by this until it is stable with each of the seeds."""
 GAIN_SEEDS = (1, 2)
 SECONDS_PER_SIMULATED_SECOND = 0.25
 """Of one core of the machine that the README's figures come from; the cost is a forecast."""

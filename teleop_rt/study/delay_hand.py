@@ -6,12 +6,16 @@ import math
 from collections.abc import Sequence
 
 FELT_FORCE_N = 0.5
+"""Force at which the hand notices the wall."""
 STRIDE_M, STRIDE_S = 0.006, 0.3
+"""A stride in free air, and the time that it takes."""
 PRESS_M, PRESS_S = 0.020, 0.6
+"""The way into the wall after it was noticed, and the time that it takes."""
 TONES = ((0.5, 0.004), (1.3, 0.003), (1.9, 0.003))
 """Frequencies [Hz] and amplitudes [m] of the motion in contact. Shifted by up to the longest round
 trip it differs from itself, so that its lag is unique; no common period below 10 s."""
 APPROACH_STRIDES = 12
+"""72 mm: further than any wall of the study."""
 
 
 class MoveAndWait:

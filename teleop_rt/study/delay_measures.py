@@ -17,11 +17,14 @@ from teleop_rt.study.delay_plant import MATERIALS, PERIOD_S, SURFACE_M, Array, M
 from teleop_rt.study.delay_world import FORCE_MAX_N, LAW, SETTLING_S, Traces, hand_config
 
 VELOCITY_MAX_M_PER_S = 1.0
+"""A hand that becomes faster does not control the tool: the cell is unstable."""
 CALM_S = 5.0
+"""End of the trial, in which the intention rests."""
 RMS_FACTOR = GROWTH_FACTOR = 2.0
 """A calm hand moves at most so much more than against the true local wall, or than before."""
 COHERENT = 0.8
-_SEGMENT = 2048
+"""Coherence of motion and force above which a frequency counts in the felt impedance."""
+_SEGMENT = 2048  # samples: lines of 0.5 Hz, the slowest tone of the motion
 
 
 def measure(traces: Traces) -> dict[str, Any]:

@@ -17,7 +17,9 @@ EnvironmentName = Literal["foam", "silicone", "stiff", "step"]
 
 PERIOD_S = 1e-3
 SURFACE_M = 0.0083
+"""Between two strides of the hand, so that it is met in motion."""
 DRIVE_HZ = 100.0
+"""Bandwidth of the position loop, and sensors like those of the simulated rigs."""
 FORCE_NOISE_N, RESOLUTION_M = 0.05, 5e-6
 
 

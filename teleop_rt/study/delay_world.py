@@ -43,8 +43,10 @@ from teleop_rt.trial.sides import make_slave
 
 PERIOD_NS = 1_000_000
 SETTLING_S, MOVING_S, STILL_S = 2.0, 6.0, 6.0
+"""After the press, with the motion by which errors are measured, and at rest."""
 FORCE_MAX_N, FORCE_STEP_N, DEVICE_DAMPING = 40.0, 0.5, 20.0
-FORCE_CAP_N = 40.0
+"""The operator's device: its largest force and step of force, and its damping [N s/m]."""
+FORCE_CAP_N = 40.0  # of the slave, as much as the device can show
 
 _COLUMN = columns(MASTER)
 _RECORDED = ("position", "velocity", "offset", "rendered_force", "reflected_force", "surface")

@@ -18,6 +18,7 @@ from teleop_rt.estimation.rows import rows_for
 from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, SensorErrors, Sine, force
 
 _FINEST_M, _QUIETEST_N = 1e-7, 1e-4
+"""Least resolution and noise that the settings state: an ideal sensor would make weights of 0."""
 
 
 def cases(

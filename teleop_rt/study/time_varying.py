@@ -16,7 +16,9 @@ from teleop_rt.study.chapter4_plant import Signal, Sine, force
 from teleop_rt.study.noise import settings_for
 
 NOISE_N, RESOLUTION_M, DAMPING = 0.05, 5e-6, 20.0
+"""Sensors like those of the simulated rigs, and the body's damping [N s/m]."""
 SOFT, STIFF = 1500.0, 3600.0
+"""N/m before and after the ramp: the report's body and the silicone cube."""
 
 
 def cases(

@@ -17,8 +17,8 @@ LAGS = 20
 EXPLAINED, INADEQUATE = "explained by the model", "model inadequate"
 _MISSING = "; an effect is missing: run teleop-rt diagnose"
 _LEAST = 4 * LAGS
-_SURE = 1e-3
-NOTABLE = 2.0
+_SURE = 1e-3  # p-value: of 1000 white residuals one is called correlated
+NOTABLE = 2.0  # times the noise; up to this a residual without a test on-line counts as explained
 
 
 @dataclass(frozen=True, slots=True)

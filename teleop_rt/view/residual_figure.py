@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.style import BLUE, VERMILLION
 
-_MOST_POINTS = 4000
+_MOST_POINTS = 4000  # per panel; more overlap, and make the SVG too large to open
 
 
 _LOOKS = {"before": (VERMILLION, "--"), "after": (BLUE, "-")}

@@ -18,6 +18,7 @@ SYNC_READ, SYNC_WRITE, STATUS = 0x82, 0x83, 0x55
 STUFFED = b"\xff\xff\xfd"
 """Bytes of a header inside a packet, behind which one more FDh is put."""
 
+# Addresses of the maker's control table (X series), and two of its values.
 MODEL, FIRMWARE, RETURN_DELAY, OPERATING_MODE, CURRENT_LIMIT, VELOCITY_LIMIT = 0, 6, 9, 11, 38, 44
 TORQUE_ENABLE, STATUS_RETURN_LEVEL, HARDWARE_ERROR, WATCHDOG, GOAL_CURRENT = 64, 68, 70, 98, 102
 PROFILE, GOAL_POSITION, CURRENT, VELOCITY, POSITION = 108, 116, 126, 128, 132
@@ -34,6 +35,7 @@ MOST_COUNTS = 1_048_575
 """Of a goal in either direction: 256 turns."""
 RPM_PER_COUNT = 0.229
 WATCHDOG_STEP_MS = 20
+"""Units of VELOCITY and of WATCHDOG, by the maker's control table."""
 HARDWARE_ERRORS = {
     0x01: "input voltage", 0x04: "overheating: over-temperature", 0x08: "motor encoder",
     0x10: "electrical shock", 0x20: "overload",

@@ -23,7 +23,9 @@ _goal = struct.Struct("<BHHH")
 
 COUNTS_PER_TURN = 4096
 MOST_COUNTS = 2**15 - 1
+"""Of a goal, whose 16th bit is its sign."""
 AMPERES_PER_COUNT = 6.5e-3
+"""Of the current in its answer, by the maker's table."""
 ERRORS = {
     0x01: "voltage", 0x02: "encoder", 0x04: "over-temperature", 0x08: "over-current",
     0x20: "overload",

@@ -28,6 +28,7 @@ FAULT_WORDS = {
 QUERY = bytes((READ_FLOAT, 4, MODE, READ_INT8 | 1, FAULT))
 """Mode, position, velocity and torque as floats, and the fault code."""
 MOST_REGISTERS = 64
+"""Values in a group of an answer; a CAN FD frame has 64 bytes, so a larger count is damage."""
 
 
 class MoteusCodec:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     Heard = Callable[[Frame, int], None]
 
 MOST_READS_PER_CYCLE = 4
+"""Reads of 4096 bytes: a cycle of 3 Mbit/s brings 300, and a flood must not hold the loop."""
 SETTLE_S = 0.005
 """Time that a drive on a line has for each packet of its set-up, which it does not answer."""
 REMEMBERED = 16

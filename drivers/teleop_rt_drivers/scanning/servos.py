@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     OpenLine = Callable[[int], ByteStream]
 
 PING = 0x01
+# In the order in which they are tried: the presets' own first.
 DYNAMIXEL_BAUDS = (3_000_000, 1_000_000, 57_600, 2_000_000, 4_000_000, 115_200)
 FEETECH_BAUDS = (1_000_000, 500_000, 115_200)
 ALL_ANSWER_S = 0.4

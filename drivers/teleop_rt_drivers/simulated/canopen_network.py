@@ -27,6 +27,7 @@ LONGEST_WAIT_NS = 50_000_000
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
+"""The timers run at least this often, for heartbeats of 10 ms and their watch."""
 TIMERS_APART_NS = 500_000
 """On the machine's clock the timers run once in a millisecond, not again after its command."""
 AT_ONCE = 64

@@ -80,10 +80,13 @@ TWIST, BOND, DEEPEST, SETTLED, BRISTLES, WARMTH, WARMED, READING, READING_RATE, 
 N_MEMORIES = DEFLECTION + 1
 
 _BOND_GROWS_S, _BOND_BREAKS_S = 0.01, 0.002
+"""Time constants of an adhesive bond while the tool touches, and beyond its range."""
 _FLANK_S, _BENDING_S = 3e-4, 5e-4
+"""Time constants of a play's flank and of a tool that bends: some internal steps of 50 us each."""
 _SLOWER = 1e-3
 """A small difference of velocity, for the body's damping."""
 _WETTED = 1e-4
+"""Penetration [rig unit] over which quadratic damping begins: it has no step at the surface."""
 _MICRO_DAMPING = 2e-4
 """Damping of the bristles, as a time that multiplies their stiffness [s]."""
 

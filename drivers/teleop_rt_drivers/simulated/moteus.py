@@ -30,6 +30,7 @@ UNITS = {
 }  # fmt: skip
 """Value of one count of a register as int8, int16 and int32; 1 for those that are not here."""
 VOLTAGE, TEMPERATURE = 12.0, 20.0
+"""V and degrees Celsius that it reports."""
 
 
 class SimulatedMoteus(MakersDrive):

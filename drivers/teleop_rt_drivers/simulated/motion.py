@@ -31,6 +31,7 @@ STATES = 7
 ) = range(9)  # fmt: skip
 CONSTANTS = 9
 OFF, FOLLOWING, STOPPING, PUSHING = 0, 1, 2, 3
+"""What the drive does: nothing, follow the reference, brake to rest, or push with PUSH."""
 
 
 @kernel

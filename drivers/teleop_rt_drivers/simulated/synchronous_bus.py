@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     """A frame as it was sent: a tuple takes a fraction of what python-can's message takes."""
 
 QUEUE = 4096
+"""Frames that wait to be read; older ones are lost, as in a controller's full buffer."""
 TRANSMIT_QUEUE = 10
 """Frames that wait at most, as on a SocketCAN interface."""
 

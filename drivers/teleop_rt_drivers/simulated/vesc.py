@@ -13,8 +13,10 @@ from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 PER_TURN = 0.2
 """Rig units of position per turn of the position; its middle, 180 degrees, is 0."""
 MOTOR_TURNS, POLE_PAIRS, TORQUE_CONSTANT = 4.0, 7, 0.06
+"""Turns of the motor per turn of the position, its pole pairs, and Nm/A."""
 FORCE_PER_AMPERE = TORQUE_CONSTANT * MOTOR_TURNS * 6.283185307179586 / PER_TURN
 STATUS_NS, TIMEOUT_NS = 1_000_000, 50_000_000
+"""Period of its status, and the time without a command after which it lets go."""
 COLD, HOT = 250, 1250
 """Tenths of a degree Celsius."""
 EXTENDED = 0x8000_0000

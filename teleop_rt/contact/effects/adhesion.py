@@ -73,7 +73,7 @@ def _sticking_withdrawal(
     return float(-state[0] * exp(-abs(x) / eta[0]))
 
 
-_SHORTEST = 5e-3
+_SHORTEST = 5e-3  # of the travel; also the range of a pull that shows nowhere
 _RANGE = Shape(
     "range",
     "{x}",

@@ -9,7 +9,7 @@ from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, 
 from teleop_rt.contact.law import touches
 from teleop_rt.jit import kernel
 
-_SLIDERS = 6
+_SLIDERS = 6  # elements of an Iwan model, with yield travels in geometric steps
 
 
 @kernel
