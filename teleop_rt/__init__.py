@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from teleop_rt.diagnosis.recordings.recording import Recording
     from teleop_rt.errors import ExpectedError
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 
 __all__ = [
     "Diagnosis",

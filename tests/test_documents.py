@@ -1,11 +1,13 @@
 """Commands, options, keys and files that README, changelog and documentation name exist."""
 
 import re
+import tomllib
 from pathlib import Path
 from typing import get_args
 
 import pytest
 
+from teleop_rt import __version__
 from teleop_rt.cli import app
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.schemas import schema_named
@@ -179,3 +181,23 @@ def test_the_words_that_a_declared_effect_takes_are_those_of_the_how_to(field, w
     rows = (ROOT / "docs/howto/effect.md").read_text().splitlines()
     (row,) = (row for row in rows if row.startswith(f"| `{field}`"))
     assert set(re.findall(r"`(.+?)`", row.split("|")[2])) == set(get_args(words))
+
+
+def test_the_version_is_the_newest_release_or_a_development_of_the_next_one():
+    changelog = (ROOT / "CHANGELOG.md").read_text()
+    unreleased, (version, date) = (
+        "",
+        re.findall(r"^## \[([\d.]+)\] - (\S+)$", changelog, re.MULTILINE)[0],
+    )
+    if "## [Unreleased]" in changelog:
+        unreleased = changelog.partition("## [Unreleased]")[2].partition(f"## [{version}]")[0]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["version"] == __version__
+    if unreleased.strip():
+        base = __version__.removesuffix(".dev0")
+        assert base != __version__, "what is unreleased is no release"
+        assert [*map(int, base.split("."))] > [*map(int, version.split("."))]
+    else:
+        assert __version__ == version
+    citation = read_yaml(ROOT / "CITATION.cff").data
+    assert (str(citation["version"]), str(citation["date-released"])) == (version, date)

@@ -31,7 +31,7 @@ STATES = 7
 ) = range(9)  # fmt: skip
 CONSTANTS = 9
 OFF, FOLLOWING, STOPPING, PUSHING = 0, 1, 2, 3
-"""What the drive does: nothing, follow the reference, brake to rest, or push with PUSH."""
+"""States of the drive: it does nothing, follows the reference, brakes to rest, or pushes."""
 
 
 @kernel
