@@ -185,12 +185,8 @@ def test_the_words_that_a_declared_effect_takes_are_those_of_the_how_to(field, w
 
 def test_the_version_is_the_newest_release_or_a_development_of_the_next_one():
     changelog = (ROOT / "CHANGELOG.md").read_text()
-    unreleased, (version, date) = (
-        "",
-        re.findall(r"^## \[([\d.]+)\] - (\S+)$", changelog, re.MULTILINE)[0],
-    )
-    if "## [Unreleased]" in changelog:
-        unreleased = changelog.partition("## [Unreleased]")[2].partition(f"## [{version}]")[0]
+    (version, date), *_ = re.findall(r"^## \[([\d.]+)\] - (\S+)$", changelog, re.MULTILINE)
+    unreleased = changelog.partition("## [Unreleased]")[2].partition(f"## [{version}]")[0]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["version"] == __version__
     if unreleased.strip():
