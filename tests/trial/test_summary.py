@@ -6,6 +6,7 @@ import pytest
 from teleop_rt.trial import summary_notes
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.felt_force import rows_to_compare
+from teleop_rt_dev.trial.files import silicone
 
 
 def replayed(nrmse=0.01):
@@ -50,6 +51,19 @@ def test_nothing_is_noted_of_a_run_in_good_order():
 def test_what_spoils_the_figures_is_noted(changes, nrmse, words):
     (note,) = summary_notes.notes_of(outcome(**changes), replayed(nrmse))
     assert words in note
+
+
+def test_a_force_above_the_cap_is_noted_with_its_size_and_its_longest_time():
+    force, valid = np.full(100, 89.9), np.ones(100)
+    force[10:14], force[40:47], force[80], valid[80] = 95.0, 101.0, 300.0, 0.0
+    slave = {"force": force, "valid": valid, "in_contact": np.zeros(100)}
+    adequate = {"inadequate": False}
+    (note,) = summary_notes.all_notes(silicone(), slave, outcome(), replayed(), adequate, 20.0)
+    assert note.startswith(
+        "the tool pressed with 101 N, above slave.force_cap 90, for up to 7 ms at a time: a wall "
+    )
+    slave["force"] = np.minimum(force, 90.0)
+    assert not summary_notes.all_notes(silicone(), slave, outcome(), replayed(), adequate, 20.0)
 
 
 def test_rows_that_were_not_recorded_leave_a_gap_and_no_false_step():
