@@ -5,8 +5,9 @@ friction with an elastic grip on the hand (Hayward and Armstrong 2000): it holds
 forward, follows a hand that goes back without pushing it, and slides at its limit, so it gives no
 energy. Its limit rises from half the leash on, and is whole at its end. It falls slowly, also when
 the slave begins to follow or the touch is known: a hand that has leant against the brake would be
-flung forward where it ended at once, and the tool behind it. The grip is damped as far as the
-device can render it: a hand that taps on a spring alone rings, damped by little but its own.
+flung forward where it ended at once, and the tool behind it. What falls is what the hand leans on,
+however little: taken away within a period of the hand, it is a kick. The grip is damped as far as
+the device can render it: a hand that taps on a spring alone rings, damped by little but its own.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 Grip = tuple[float, float]
 """Stiffness and damping of a brake that holds: `WallLimiter.grip`."""
 RELEASE_S = 1.0
-"""In which the whole brake is taken away: a hand of 400 N/m then gives way at 0.1 m/s."""
+"""In which the brake that a hand leans on is taken away: hands ring with 4 Hz and more."""
 
 
 class Leash:
@@ -24,13 +25,13 @@ class Leash:
         self._length = length
         self._force_max = force_max
         self._stiffness, self._damping = grip
-        self._release_step = force_max * period_s / RELEASE_S
+        self._release_share = period_s / RELEASE_S
         self.reset()
 
     def reset(self) -> None:
         """Let go."""
         self._anchor: float | None = None
-        self._limit = self._spring = 0.0
+        self._limit = self._spring = self._falls = 0.0
         self.slipped = False
         self.longest = 0.0
 
@@ -44,7 +45,7 @@ class Leash:
         if self._limit == 0.0 and 2 * lead <= self._length:
             return 0.0  # nothing to hold, as nearly always
         share = min(1.0, max(0.0, 2 * lead / self._length - 1))
-        self._limit = max(share * self._force_max, self._limit - self._release_step)
+        self._limit = self._limit_at(share * self._force_max)
         if self._limit <= 0.0:
             self._anchor, self._spring = None, 0.0
             return 0.0
@@ -58,3 +59,13 @@ class Leash:
         self._spring = self._stiffness * (hand - self._anchor)
         damping = self._damping if share > 0.0 else 0.0
         return max(0.0, min(self._limit, self._spring + damping * velocity))
+
+    def _limit_at(self, wanted: float) -> float:
+        """Return the limit of a tick: a lower one is reached from what the hand leans on, slowly."""
+        if wanted >= self._limit:
+            self._falls = 0.0
+            return wanted
+        if self._falls == 0.0:
+            self._limit = max(wanted, min(self._limit, self._spring))
+            self._falls = self._limit * self._release_share
+        return max(wanted, self._limit - self._falls)
