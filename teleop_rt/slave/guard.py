@@ -22,7 +22,9 @@ slope sets the pace alone: wherever it is more than half of the true one, the fo
 same share of the cap. Steeper slopes and secants count at once, softer ones as their memory fades:
 while the tool draws back, damping makes the wall look soft. A slope fades only where another is
 measured: a tool that stands at the cap learns nothing, and would ring each time it has forgotten.
-No guard can prevent the force of a wall that becomes stiffer around the tool, or the depth added
+A tool that is pressed before the surface that is known stands in a body that has come nearer: no
+secant is known then, and a slope may be the body's own motion, so the rig's stiffest wall is
+expected. No guard can prevent the force of a wall that becomes stiffer around the tool, or the depth added
 until a sample shows it and the drive, commanded to go in at v, has reversed:
 F <= max(cap, F_found + k (v t_turn + v²/2a)).
 
@@ -100,6 +102,7 @@ def forget_walls(t: Tick) -> None:
     """Forget every wall."""
     t.wall_stiffness = t.wall_force = t.pressed = 0.0
     t.known_surface = t.hold_at = t.slope_from = math.nan
+    t.nearer = math.inf
     t.met_contact = t.waiting_for = t.slope_place = 0
     t.secant = t.slope = t.slope_from_force = 0.0
     t.slope_kept = 1.0
@@ -140,9 +143,16 @@ def depth_by_secant(t: Tick, depth: float, force: float) -> float:
 
 
 @kernel
-def remember_wall(t: Tick, depth: float, force: float) -> None:
-    """Keep how deep it was pressed, and the secant where the last contact pressed hardest."""
+def remember_wall(t: Tick, position: float, depth: float, force: float) -> None:
+    """Keep how deep it was pressed, and the secant where the last contact pressed hardest.
+
+    `nearer` is where it was pressed before its surface: it has come nearer, by more than is known.
+    """
     t.pressed = max(t.pressed, depth)
+    if depth <= 0.0 and force > PROBING_SHARE * t.force_cap:
+        t.nearer = min(t.nearer, position)
+    elif position > t.nearer and force < t.slope_noticed:
+        t.nearer = math.inf
     if depth > 0.0 and force > max(PROBING_SHARE * t.force_cap, t.wall_force):
         t.wall_force, t.wall_stiffness = force, force / depth
 
@@ -166,6 +176,8 @@ def pace(t: Tick, deepest: float) -> float:
         elif t.wall_stiffness > 0.0:
             room = DEPTH_SHARE * t.force_cap / t.wall_stiffness
             nearest += max(0.0, room - slowest * slowest / (2.0 * t.acceleration))
+    if t.nearer < nearest:
+        nearest, slowest = t.nearer, t.unknown_speed
     way, step = max(0.0, nearest - t.command), t.acceleration * t.period_s
     square = step * step + slowest * slowest + 2.0 * t.acceleration * way
     return max(slowest, math.sqrt(square) - step)
@@ -177,7 +189,7 @@ def meet(t: Tick, contact_id: int, acknowledged: int, command: float, surface: f
     known = t.known_surface
     t.met_contact = contact_id
     t.known_surface = surface
-    t.wall_force = 0.0
+    t.wall_force, t.nearer = 0.0, math.inf
     if abs(surface - known) > t.tolerance:
         t.wall_stiffness = t.pressed = 0.0
     t.secant = max(t.secant, t.wall_stiffness)
@@ -209,11 +221,13 @@ def guarded(
     if t.waiting_for > 0:
         target = min(target, t.hold_at)
     if math.isfinite(surface):
-        remember_wall(t, position - surface, force)
+        remember_wall(t, position, position - surface, force)
         depth_cap = min(depth_cap, depth_by_secant(t, position - surface, force))
         target = min(target, surface + depth_cap)
     ahead = force_ahead(t, position, force)
     steep = max(t.slope, t.secant)
+    if position <= surface and math.isfinite(t.stiffest):
+        steep = max(steep, t.stiffest)
     if steep > 0.0 and ahead > PROBING_SHARE * t.force_cap:
         room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
         left = position + room - command

@@ -5,7 +5,7 @@ import pytest
 
 from teleop_rt.slave import coupling
 from teleop_rt.slave.depth import NO_MODEL
-from teleop_rt.slave.guard import CatchUp, ContactGuard
+from teleop_rt.slave.guard import CatchUp, ContactGuard, pace
 from teleop_rt.slave.record import TickRecord
 from teleop_rt.slave.step import followed
 
@@ -90,6 +90,24 @@ def test_half_of_the_room_by_the_steepest_slope_is_left_and_a_softer_one_counts_
     assert last == pytest.approx(paced(0.015 + (81 - 30) / (2 * 30 / 0.005)))
     near = update(guarding, 0.5, force=30.0, position=0.015, **known | {"command": 0.03})
     assert near == pytest.approx(0.015 + (81 - 30) / (2 * 30 / 0.005)), "beyond it, at once"
+
+
+def test_a_tool_that_is_pressed_before_the_known_surface_expects_the_stiffest_wall_there():
+    """The body has come nearer, and draws back while the tool follows: no slope, and no secant."""
+    guarding = ContactGuard(
+        90.0, 0.1, 0.12, 1e-3, acceleration=60.0, unknown_speed=0.2, stiffest=40_000.0
+    )
+    known = {"contact_id": 1, "acknowledged": 1, "surface": 0.0165}
+    for i in range(2000):
+        at = 0.013 + 1e-7 * i
+        last = update(guarding, 0.018, force=72.0 - 1e-3 * i, command=at, **known)
+    assert at < last < at + 0.04e-3, "room for 11 N, half of it on 40 kN/m, in five ticks"
+    tick = guarding._tick
+    tick.surface, tick.surface_known, tick.verified_free = 0.0165, 1, 0.0165
+    tick.position, tick.command, tick.force = 0.011, 0.011, 0.0
+    assert pace(tick, 0.02) < 0.6, "it braked for where the force was found, not for the surface"
+    update(guarding, 0.018, force=0.0, command=0.0145, **known)
+    assert pace(tick, 0.02) > 0.7, "the body has drawn back from there"
 
 
 def test_above_the_cap_by_where_the_force_is_heading_the_tool_turns_before():
