@@ -83,11 +83,16 @@ class Rendered:
         self._limiter = master.limiter
 
     def _calm(self, wall: Wall) -> Wall:
-        """Return a wall without calming: the same object again while it is the same wall."""
+        """Return a wall without calming: the same object again while it is the same wall.
+
+        A linear wall is only given what its own damping lacks of that which the latency takes. So
+        where it is given some, latency takes its own, too, and no hand feels any of it.
+        """
         if wall.calming == 0.0:
             return wall
         if wall is not self._calmed[0]:
-            self._calmed = wall, replace(wall, calming=0.0)
+            b = wall.b if wall.damping_power else 0.0
+            self._calmed = wall, replace(wall, b=b, calming=0.0)
         return self._calmed[1]
 
 
