@@ -251,6 +251,22 @@ def rendered_path(surfaces):
     return path
 
 
+@pytest.mark.parametrize(
+    ("wall", "felt"),
+    [
+        (Wall(0.0, 3000.0, 10.0), 10.0),  # within the bound: its own damping
+        (Wall(0.0, 3000.0, 10.0, calming=0.4), 0.0),
+        (Wall(0.0, 3000.0, 0.0, calming=10.0), 0.0),
+        (Wall(0.0, 3000.0, 10.0, damping_power=1.0, calming=0.4), 10.0),  # beside the calming
+    ],
+)
+def test_the_same_hand_feels_no_damping_that_makes_up_for_a_latency(wall, felt):
+    """A linear wall beyond the bound is given what it lacks of that, so none of its own is felt."""
+    kept = same_hand.Rendered()._calm(wall)
+    assert (kept.b, kept.calming) == (felt, 0.0)
+    assert kept.k == wall.k
+
+
 @pytest.mark.parametrize("judge", [rows_of, same_hand.strangers_rows])
 @pytest.mark.parametrize(
     ("tremor_N", "swing_m", "own"), [(1.5, 0.0, True), (0.0, 1e-3, False), (0.3, 1e-3, False)]

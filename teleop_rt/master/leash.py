@@ -61,7 +61,7 @@ class Leash:
         return max(0.0, min(self._limit, self._spring + damping * velocity))
 
     def _limit_at(self, wanted: float) -> float:
-        """Return the limit of a tick: a lower one is reached from what the hand leans on, slowly."""
+        """Return the limit of a tick: a lower one is reached slowly, from what is leant on."""
         if wanted >= self._limit:
             self._falls = 0.0
             return wanted

@@ -24,8 +24,8 @@ while the tool draws back, damping makes the wall look soft. A slope fades only 
 measured: a tool that stands at the cap learns nothing, and would ring each time it has forgotten.
 A tool that is pressed before the surface that is known stands in a body that has come nearer: no
 secant is known then, and a slope may be the body's own motion, so the rig's stiffest wall is
-expected. No guard can prevent the force of a wall that becomes stiffer around the tool, or the depth added
-until a sample shows it and the drive, commanded to go in at v, has reversed:
+expected. No guard can prevent the force of a wall that becomes stiffer around the tool, or the
+depth added until a sample shows it and the drive, commanded to go in at v, has reversed:
 F <= max(cap, F_found + k (v t_turn + v²/2a)).
 
 So a wall must be met slowly where its stiffness is not known. A drive of the acceleration a stands

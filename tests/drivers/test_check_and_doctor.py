@@ -177,6 +177,24 @@ def test_doctor_finds_each_injected_fault(kind, fault):
     assert all(finding.next_step for finding in bad)
 
 
+@pytest.mark.parametrize("kind", EVERY_KIND)
+def test_doctor_moves_nothing(kind):
+    """For the whole examination the drive is without power, and the tool where it was."""
+    bench = FramedBench(load(kind))
+    plant, powered, places = bench.simulated.plant, [], []
+
+    def wait():
+        bench.now += MS
+        powered.append(bench.simulated.drive.powered)
+        places.append(plant.position)
+
+    findings = examine_axis(bench.axis, wait, 400)
+    assert worst(findings) != "error"
+    assert len(powered) > 400
+    assert not any(powered)
+    assert max(places) == min(places)
+
+
 def test_doctor_names_the_device_that_does_not_answer():
     findings, _ = examined("canopen", "mute", "drive", late=False)
     assert [finding.severity for finding in findings] == ["error"]
