@@ -115,7 +115,8 @@ class _Remainder:
         """
         own, forms = tangent_space(problem, fit), _form_errors(problem, fit)
         forms -= (forms @ own) @ own.T
-        *rows, residual = self._weighed(np.vstack([forms, fit.residual]))
+        weighed = self._weighed(np.vstack([forms, fit.residual]))
+        rows, residual = weighed[:-1], weighed[-1]  # no rows where every amplitude is 0
         gram, along = np.inner(rows, rows), np.inner(rows, residual)
         gains = [0.0]
         for size in _FORM_SIZES:
