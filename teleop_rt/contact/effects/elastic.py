@@ -32,6 +32,13 @@ def _beyond(state: Vector, x: float, v: float, a: float, t: float, dt: float, et
 
 
 @kernel
+def _rounded_beyond(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(max(x - eta[0], 0.0) ** 1.5)
+
+
+@kernel
 def _weakened(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -69,6 +76,7 @@ def _quadratic_with_depth(
     return max(x, 0.0) * v * abs(v)
 
 
+_LAYER_DEPTH = Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20)
 # Damping over stiffness, which heat and damage lower alike.
 _DAMPING_TIME = Shape("damping_time", "s", 1e-3, 0.2, 1e-2, logarithmic=True, points=4)
 _LOSS_TIME = Shape(
@@ -142,10 +150,23 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
-        shapes=(Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20),),
+        shapes=(_LAYER_DEPTH,),
         step=_beyond,
         sentence="Below {depth} a second layer adds {layer_stiffness}.",
         compensation="render",
+    ),
+    Effect(
+        name="second_layer",
+        law="rounded",  # a lump, or a rounded tip that meets it (Hertz 1882)
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}^1.5", nonnegative=True),
+        shapes=(_LAYER_DEPTH,),
+        step=_rounded_beyond,
+        sentence="Below {depth} a rounded second layer adds {layer_stiffness}.",
+        compensation="render",
+        extends="",
     ),
     Effect(
         name="softening",
