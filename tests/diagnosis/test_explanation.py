@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -64,6 +65,23 @@ def test_two_laws_with_similar_residuals_form_a_class() -> None:
     assert found.verdict == "class"
     assert {s.fit.names[0] for s in found.sets} == {"coulomb_friction", "force_lag"}
     assert sum(found.probability.values()) == pytest.approx(1.0)
+
+
+def _different(apart: float) -> Callable[[Scored, Scored], float]:
+    return lambda one, other: apart
+
+
+@pytest.mark.parametrize(
+    ("apart", "verdict"), [(0.02, "partial"), (0.2, "unexplained")]
+)  # of 0.63 that each explains
+def test_many_effects_are_an_answer_where_the_motion_makes_them_one(
+    apart: float, verdict: str
+) -> None:
+    names = ("tool_inertia", "force_lag", "stress_relaxation", "force_bias", "moving_surface")
+    sets = [_set(name, path=(1.0, 0.37)) for name in names]
+    found = explain([_ALONE, *sets], noise=0.04, apart=_different(apart))
+    assert found.verdict == verdict
+    assert len(found.sets) == (len(names) if verdict == "partial" else 0)
 
 
 def test_a_second_law_of_the_same_physics_is_not_named() -> None:

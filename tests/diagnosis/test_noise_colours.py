@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import from_arrays
@@ -50,3 +51,20 @@ def test_noise_that_grows_with_the_force_is_no_saturation() -> None:
     force += 0.002 * np.std(force) * rng.standard_normal(t.size)
     recording = from_arrays("growing", t, 2e-6 * np.round(x / 2e-6), force)
     assert diagnose(recording, "spring,viscous,bias").answer["verdict"] == "no_missing_effect"
+
+
+@pytest.mark.parametrize(("seed", "noise"), [(0, 0.2), (1, 0.4)])
+def test_an_amplifiers_noise_in_a_small_motion_is_no_missing_effect(
+    seed: int, noise: float
+) -> None:
+    """Pressed all along, no free air shows it; its fastest part is a fifth of it."""
+    rng, dt = np.random.default_rng(seed), 5e-4
+    t = dt * np.arange(18000)
+    swing = 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * 0.7 * t + rng.uniform(0.0, 6.0)))
+    x = 0.004 + 0.0006 * swing + 0.0001 * np.sin(2.0 * np.pi * 0.23 * t)
+    kept = float(np.exp(-2.0 * np.pi * 60.0 * dt))
+    low_passed = lfilter([1.0], [1.0, -kept], rng.standard_normal(t.size))
+    force = 900.0 * x + 4.0 * np.gradient(x, dt)
+    force += noise * np.std(force) * low_passed / np.std(low_passed)
+    answer = diagnose(from_arrays("amplifier", t, x, force), "kelvin-voigt").answer
+    assert answer["verdict"] == "no_missing_effect"

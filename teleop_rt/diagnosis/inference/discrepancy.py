@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO, NOISE_POWER_DOUBT
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
@@ -11,8 +13,9 @@ from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
+from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import known_noise
+from teleop_rt.diagnosis.noise.noise_floor import lawless_noise
 from teleop_rt.diagnosis.noise.structure import LackOfFit, pressed_all_along
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
@@ -54,7 +57,13 @@ def judge_with_unknown_remainder(
     library = applicable(effects, recording, base.model.base, pressed=pressed)
     tried = search_sets(problem, base, library)
     rows = input_floor(problem, tried[0].fit, errors)
-    found = explain(tried, known_noise(problem, tried[0].fit, rows, problem.whitener.mask) ** 2)
+    noise = lawless_noise(problem, tried[0].fit, rows, problem.whitener.mask)
+
+    def apart(one: Scored, other: Scored) -> float:
+        first, second = (held_out.predict(problem, each.fit) for each in (one, other))
+        return float(np.mean((first - second)[problem.whitener.mask > 0.0] ** 2))
+
+    found = explain(tried, noise**2, apart)
     best = predictor(tried, {name for one in found.sets for name in one.names})
     scale = problem.whitener.effective / best.energy
     judgement = Judgement(

@@ -9,7 +9,7 @@ energy is that of its residual on inner blocks (a t distribution; Kennedy and O'
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import exp, log
 
@@ -49,11 +49,17 @@ class Explanation:
     probability: Mapping[str, float]
 
 
-def explain(tried: Sequence[Scored], noise: float = 0.0) -> Explanation:
+def explain(
+    tried: Sequence[Scored],
+    noise: float = 0.0,
+    apart: Callable[[Scored, Scored], float] | None = None,
+) -> Explanation:
     """Return the verdict and the probabilities of the sets tried, which include the base alone.
 
     `noise` is the mean square [force^2] of the noise, of which no set explains a share: sets that
-    leave less than the noise fit equally well.
+    leave less than the noise fit equally well. `apart` is the mean square [force^2] by which the
+    predictions of two sets differ: more than `MOST_SETS` are an answer if this motion makes them
+    one explanation with many names.
     """
     known = _by_names([_down_to_noise(one, noise) for one in tried])
     excess = max(known[frozenset()].energy - noise, 0.0)
@@ -75,7 +81,8 @@ def explain(tried: Sequence[Scored], noise: float = 0.0) -> Explanation:
     chosen = sorted(chosen, key=lambda n: not set(chosen).isdisjoint(_special_cases(known[n])))
     sets = tuple(known[names] for names in chosen)
     family = _family(sets)
-    if len(sets) > MOST_SETS or any(not one.names for one in sets):
+    many = len(sets) > MOST_SETS and not _predict_alike(sets, apart)
+    if many or any(not one.names for one in sets):
         return Explanation("unexplained", (), family, {})
     effects = {name for names in chosen for name in names}
     probability = {
@@ -85,6 +92,12 @@ def explain(tried: Sequence[Scored], noise: float = 0.0) -> Explanation:
     if sets[0].energies[0] - sets[0].energy < NAMED_SHARE * excess:
         return Explanation("partial", sets, family, probability)
     return Explanation("named" if len(sets) == 1 else "class", sets, family, probability)
+
+
+def _predict_alike(sets: Sequence[Scored], apart: Callable[[Scored, Scored], float] | None) -> bool:
+    """Return whether the sets agree in `NAMED_SHARE` of what the first one explains."""
+    most = (1.0 - NAMED_SHARE) * (sets[0].energies[0] - sets[0].energy)
+    return apart is not None and all(apart(sets[0], one) <= most for one in sets[1:])
 
 
 def likelihoods(judgement: Judgement) -> dict[str, float]:

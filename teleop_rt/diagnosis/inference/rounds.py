@@ -28,7 +28,7 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
-from teleop_rt.diagnosis.noise.noise_floor import bounded_noise, fast_noise, noise_in_air
+from teleop_rt.diagnosis.noise.noise_floor import bounded_noise, noise_in_air, quick_noise
 from teleop_rt.diagnosis.noise.structure import (
     lack_of_fit,
     noise_from,
@@ -197,8 +197,8 @@ def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
     left = (problem.force - held_out.predict(problem, base))[where > 0.0]
     if not left.size:
         return False
-    fast, in_air = fast_noise(problem, floor, where), noise_in_air(problem, base)
-    most = EXCESS_NOISE_RATIO * bounded_noise(problem, base, floor, where, fast)
+    quick, in_air = quick_noise(problem, base, floor, where), noise_in_air(problem, base)
+    most = EXCESS_NOISE_RATIO * bounded_noise(problem, base, floor, where, quick)
     return bool(np.sqrt(np.mean(left**2)) > max(most, REDRAWN_NOISE_RATIO * in_air))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
@@ -22,6 +23,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.rows import force_noise, robust_deviation
 
 _QUICK_S = 0.1  # s; slower forces in free air may be those of an effect
+_STILL = 0.1  # of the motion's time scale, in which the force of a law changes by little
 _FAST_OF_PINK = 1.29  # the integral of (2 sin(pi u))^6 / (20 u) up to u = 1/2
 _LARGEST_SLOW_NOISE = 0.05  # of the force's deviation; no sensor or amplifier drifts by more
 
@@ -74,6 +76,23 @@ def fast_noise(problem: Problem, floor: Matrix, where: Vector) -> float:
     return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
 
 
+def quick_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
+    """Return the deviation [rig's force] of noise that changes faster than the motion.
+
+    It is what the residual of `fit` changes by while the motion changes by `_STILL`, and at least
+    the `fast_noise`. An amplifier's noise has less of the latter than of what is a little slower.
+    """
+    used = (where > 0.0) & (problem.whitener.mask > 0.0)
+    quick = _quick(problem, fit, used, _STILL * _time_scale(problem))
+    return max(fast_noise(problem, floor, where), quick)
+
+
+def _time_scale(problem: Problem) -> float:
+    """Return the time [s] in which the motion, or its speed, changes by its own deviation."""
+    x, v, a = (float(np.std(row)) for row in (problem.motion.x, problem.motion.v, problem.motion.a))
+    return min(x / v, v / a) if min(v, a) > 0.0 else 0.0
+
+
 def known_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
     """Return the deviation [rig's force] that the fastest differences or free air show to be noise.
 
@@ -82,13 +101,21 @@ def known_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> flo
     return max(fast_noise(problem, floor, where), noise_in_air(problem, fit))
 
 
+def lawless_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
+    """Return the deviation [rig's force] of noise that no law of the motion can cause.
+
+    It is the `quick_noise`, or what free air shows.
+    """
+    return max(quick_noise(problem, fit, floor, where), noise_in_air(problem, fit))
+
+
 def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
     """Return the largest deviation [rig's force] that noise may have in this recording.
 
     A model of slow noise may absorb a slow effect. Its estimate is therefore bounded by
-    `_LARGEST_SLOW_NOISE` or the `known_noise`, whichever is larger.
+    `_LARGEST_SLOW_NOISE` or the `lawless_noise`, whichever is larger.
     """
-    return bounded_noise(problem, fit, floor, where, known_noise(problem, fit, floor, where))
+    return bounded_noise(problem, fit, floor, where, lawless_noise(problem, fit, floor, where))
 
 
 def bounded_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector, known: float) -> float:
@@ -104,21 +131,23 @@ def noise_in_air(problem: Problem, fit: Fit) -> float:
     1/f noise with the fast noise of this force. The rest may be an effect, such as a friction.
     """
     air = float(np.sqrt(in_free_air(problem, fit)))
-    return min(air, max(pink_noise(problem), _quick(problem, fit))) if np.isfinite(air) else 0.0
+    if not np.isfinite(air):
+        return 0.0
+    quick = _quick(problem, fit, air_and_contact(problem)[0], _QUICK_S)
+    return min(air, max(pink_noise(problem), quick * float(np.sqrt(louder_in_contact(problem)))))
 
 
-def _quick(problem: Problem, fit: Fit) -> float:
-    """Return the deviation of what the residual in free air changes by within `_QUICK_S`.
+def _quick(problem: Problem, fit: Fit, used: NDArray[np.bool_], within: float) -> float:
+    """Return the deviation of what the residual of `used` samples changes by `within` a time [s].
 
     Medians of its differences at several distances leave out rare jumps, as at reversals.
     """
-    air, _ = air_and_contact(problem)
     rest = problem.force - predict(problem, fit)
-    lags = 2 ** np.arange(max(int(np.log2(max(_QUICK_S / problem.motion.dt, 1.0))), 0) + 1)
-    pairs = ((air[lag:] & air[:-lag], rest[lag:] - rest[:-lag]) for lag in lags.tolist())
+    longest = int(within / problem.motion.dt)
+    lags = 2 ** np.arange(longest.bit_length())  # none if not even one sample lies within it
+    pairs = ((used[lag:] & used[:-lag], rest[lag:] - rest[:-lag]) for lag in lags.tolist())
     changes = [robust_deviation(change[both]) for both, change in pairs if np.any(both)]
-    ratio = louder_in_contact(problem)
-    return max(changes, default=0.0) * float(np.sqrt(0.5 * ratio))
+    return max(changes, default=0.0) / float(np.sqrt(2.0))
 
 
 def pink_noise(problem: Problem) -> float:
