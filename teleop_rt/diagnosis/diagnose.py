@@ -27,11 +27,11 @@ from teleop_rt.diagnosis.inference.discrepancy import (
     needs_unknown_remainder,
 )
 from teleop_rt.diagnosis.inference.explanation import likelihoods
-from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable, in_rounds
+from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, applicable, in_rounds
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import Verdict, leaves_structure
 from teleop_rt.diagnosis.models import held_out
-from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import known_noise, largest_noise, noise_floor
@@ -40,10 +40,12 @@ from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose, pose_again
-from teleop_rt.diagnosis.samples.rows import OUTLIERS, force_noise
+from teleop_rt.diagnosis.samples.rows import OUTLIERS, Stretch, force_noise
 from teleop_rt.diagnosis.samples.rows import outliers as isolated
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
+from teleop_rt.diagnosis.samples.surface import surface_behind_weight
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 
 
@@ -66,12 +68,14 @@ def diagnose(
     begun = time.perf_counter()
     recording, start = most_active(recording)
     enter("finding surface and motion")
-    posed = partial(pose, recording, base_of(base), surface)
-    weighed, errors, lost = in_rounds(posed, recording, effects)
-    found, plain = weighed, weighed
-    if weighed.judgement.verdict != "no_missing_effect":
-        enter("confirming by an unweighted fit")
-        found, plain = _confirmed(weighed, errors, recording, effects)
+    model = base_of(base)
+    weighed, found, plain, lost = _judged(recording, model, surface, effects)
+    known = surface is not None or recording.surface is not None or not model.touches
+    if found.judgement.verdict in INCONCLUSIVE and not known:
+        hidden = surface_behind_weight(recording)
+        other = None if hidden is None else _judged(recording, model, hidden, effects)
+        if other is not None and other[1].judgement.verdict not in INCONCLUSIVE:
+            weighed, found, plain, lost = other
     problem, model, judgement = found.problem, found.base.model.base, found.judgement
     found = replace(found, predicting=plain.base)
     answer = _answer(found, recording)
@@ -118,6 +122,18 @@ def diagnose(
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
+
+
+def _judged(
+    recording: Recording, base: Base, surface: float | Surface | None, effects: tuple[Effect, ...]
+) -> tuple[Diagnosis, Diagnosis, Diagnosis, list[Stretch]]:
+    """Return the judgement, the confirmed one, the unweighted one, and dropouts of the force."""
+    posed = partial(pose, recording, base, surface)
+    weighed, errors, lost = in_rounds(posed, recording, effects)
+    if weighed.judgement.verdict == "no_missing_effect":
+        return weighed, weighed, weighed, lost
+    enter("confirming by an unweighted fit")
+    return weighed, *_confirmed(weighed, errors, recording, effects), lost
 
 
 def _unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:

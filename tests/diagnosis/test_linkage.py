@@ -57,3 +57,42 @@ def test_a_spring_that_holds_the_drive_is_named_a_spring_and_no_weight() -> None
 
 def test_a_drive_without_a_weight_has_no_missing_effect() -> None:
     assert diagnose(drive(5, "nothing"), "mass-damper").answer["verdict"] == "no_missing_effect"
+
+
+def pressing(seed: int, *, weight_N: float, layer_N_per_m: float = 0.0) -> Recording:
+    """Return a probe that presses a gel and withdraws; a weight may hang on its linkage."""
+    x, v, _ = strokes(seed)
+    depth = x - 0.004
+    body = 900.0 * depth + 8.0 * v + layer_N_per_m * np.maximum(depth - 0.006, 0.0) ** 1.5
+    force = np.where(depth > 0.0, np.maximum(body, 0.0), 0.0)
+    force += weight_N * np.sin(x / 0.012 + 0.9)
+    force += NOISE_N * np.random.default_rng(seed + 1).normal(size=x.size)
+    return from_arrays("pressing", DT_S * np.arange(x.size), x + 0.11, force)
+
+
+@pytest.mark.parametrize("weight_N", [1.0, 3.0])
+def test_a_weight_hides_no_contact_and_is_named_beside_it(weight_N: float) -> None:
+    """The larger one pushes in free air where the force rises as from a surface."""
+    answer = diagnose(pressing(6, weight_N=weight_N), "kelvin-voigt").answer
+    assert answer["class"] == [["gravity_torque"]]
+    stiffness = answer["base"]["parameters"]["k"]
+    assert abs(stiffness["value"] - 900.0) < 4.0 * stiffness["std"] < 45.0
+
+
+def test_a_weight_stands_in_for_no_bias_and_layer() -> None:
+    recording = pressing(7, weight_N=0.0, layer_N_per_m=9000.0)
+    biased = from_arrays(
+        "biased",
+        DT_S * np.arange(recording.position.size),
+        recording.position,
+        recording.force + 0.8,
+    )
+    assert ["force_bias", "second_layer"] in [
+        sorted(names) for names in diagnose(biased, "kelvin-voigt").answer["class"]
+    ]
+
+
+def test_a_pair_with_an_effect_of_amplitude_zero_is_no_error() -> None:
+    """The weight looks like a held body; of two effects tried, one has no force."""
+    error = diagnose(pressing(6, weight_N=4.0), "kelvin-voigt").answer["error"]
+    assert error["after"] < error["before"]

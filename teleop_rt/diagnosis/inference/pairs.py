@@ -107,31 +107,39 @@ def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[
     return best_by_name(fits)
 
 
-def alike(problem: Problem, best: Fit, effects: tuple[Effect, ...]) -> Fit | None:
+def alike(problem: Problem, base: Fit, best: Fit, effects: tuple[Effect, ...]) -> Fit | None:
     """Return the fit of the set that is declared equivalent to a single effect's law.
 
-    The fit starts at the law's shape parameters. None without such a declaration, or if the set
-    does not need all its members.
+    The fit starts at the law's shape parameters, or, beside a first member without a shape, where
+    the search of pairs starts the second. None without such a declaration or such members, or if
+    the set does not need all its members.
     """
     if len(best.names) != 1 or not best.model.effects[0].like:
         return None
     law = best.model.effects[0]
+    laws = [tuple(e for e in effects if e.name == name and not e.like) for name in law.like]
     known = {c.shape.name: z for c, z in zip(best.model.coordinates, best.zeta, strict=True)}
-    members = tuple(
-        e
-        for name in law.like
-        for e in effects
-        if e.name == name and not e.like and {s.name for s in e.shapes} <= known.keys()
-    )
-    if len(members) != len(law.like):
-        return None
-    model = replace(best.model, effects=members)
-    fit = problem.refine(model, np.array([known[c.shape.name] for c in model.coordinates]))
+    members = tuple(e for each in laws for e in each if {s.name for s in e.shapes} <= known.keys())
+    if len(members) == len(laws):
+        model = replace(best.model, effects=members)
+        fit = problem.refine(model, np.array([known[c.shape.name] for c in model.coordinates]))
+    else:
+        fits = _from_first(problem, base, laws)
+        if not fits:
+            return None
+        fit = problem.refine(fits[0].model, fits[0].zeta, _LAST_EVALUATIONS)
     needed = all(
-        fit_without(problem, fit, member).bic - fit.bic > CERTAIN_BIC
-        for member in range(len(members))
+        fit_without(problem, fit, member).bic - fit.bic > CERTAIN_BIC for member in range(len(laws))
     )
     return fit if needed else None
+
+
+def _from_first(problem: Problem, base: Fit, laws: list[tuple[Effect, ...]]) -> list[Fit]:
+    """Return coarse pairs, best first, of a first effect without a shape and a second one."""
+    if not all(laws) or laws[0][0].shapes:
+        return []
+    first = problem.refine(replace(base.model, effects=laws[0][:1]), base.zeta)
+    return coarse_pairs(problem, base, [first], laws[1])
 
 
 def same_physics(one: Effect, other: Effect) -> bool:

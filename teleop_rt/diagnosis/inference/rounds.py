@@ -45,7 +45,7 @@ from teleop_rt.diagnosis.samples.preparation import Samples, without_edges
 from teleop_rt.diagnosis.samples.rows import OUTLIERS, Stretch
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
-_INCONCLUSIVE = ("partial", "unexplained")
+INCONCLUSIVE = ("partial", "unexplained")
 _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
 _UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
@@ -88,7 +88,9 @@ class Diagnosis:
 
 
 def in_rounds(
-    posed: Callable[..., tuple[Problem, Base]], recording: Recording, effects: tuple[Effect, ...]
+    posed: Callable[..., tuple[Problem, Base]],
+    recording: Recording,
+    effects: tuple[Effect, ...],
 ) -> tuple[Diagnosis, list[RecordedMotion], list[Stretch]]:
     """Return the judgement, the encoder-error motions, and the dropouts of the force sensor.
 
@@ -105,7 +107,7 @@ def in_rounds(
     if model.touches and _may_rest_on_touches(weighed, recording):
         away, again = _judged(touches.spared(problem), model, recording, effects)
         known = touches.explained_by_timing(weighed.problem, away.problem, away.best)
-        if known and away.judgement.verdict not in _INCONCLUSIVE:
+        if known and away.judgement.verdict not in INCONCLUSIVE:
             return replace(away, samples="away from touches"), again, lost
     if model.touches and verdict == "no_missing_effect":
         whole = without(posed(fresh=True)[0], lost)
@@ -147,7 +149,7 @@ def _judged(
     judgement = judge(left, *weighed, rank.floor)
     if judgement.verdict == "no_missing_effect" and _exceeds_noise(problem, alone, rank.rows):
         judgement = judge(left, *weighed, rank.floor, exceeds_noise=True)
-    likes = [alike(problem, ranking.fit, library) for ranking in judgement.sets]
+    likes = [alike(problem, alone, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
@@ -171,7 +173,7 @@ def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:
     set gains much whitened energy without reducing the unweighted residual: a few samples then hold
     all the evidence.
     """
-    if found.judgement.verdict in _INCONCLUSIVE:
+    if found.judgement.verdict in INCONCLUSIVE:
         fits = [found.base, *(ranked.fit for ranked in found.candidates)]
         return touches.leaves_more(found.problem, min(fits, key=lambda fit: fit.bic))
     if not found.judgement.sets:
@@ -215,14 +217,14 @@ def applicable(
 ) -> tuple[Effect, ...]:
     """Return the effects that are possible on this rig and with this base.
 
-    Gravity of a lever needs a rotary rig. A linkage's weight and a return spring need a drive that
-    has a bias, for which they would stand in, and no spring: between them the data choose. A
-    material effect needs a base with contact. Laws without contact apply to a base without contact,
-    a relaxation or stiffening only to one with a spring: a drive alone has no body. Outliers are
-    tested separately. If the base finds the surface, its surface parameter covers an offset and the
-    flank of a play. Friction by direction equals symmetric friction and a bias (only a rest
-    separates them), so a base with a bias excludes it, and so does one that finds the surface of a
-    body that is `pressed` all along, where a surface is a bias.
+    Gravity of a lever needs a rotary rig. A linkage's weight shows in free air. Without contact it
+    and a return spring need a drive that has a bias, for which they would stand in, and no spring:
+    between them the data choose. A material effect needs a base with contact. Laws without contact
+    apply to a base without contact, a relaxation or stiffening only to one with a spring: a drive
+    alone has no body. Outliers are tested separately. If the base finds the surface, its surface
+    parameter covers an offset and the flank of a play. Friction by direction equals symmetric
+    friction and a bias (only a rest separates them), so a base with a bias excludes it, and so does
+    one that finds the surface of a body that is `pressed` all along, where a surface is a bias.
     """
     rotary = recording.units[0] == "rad"
 
@@ -231,7 +233,8 @@ def applicable(
         if effect.name == OUTLIERS or (effect.name == "gravity_torque" and rotary == linkage):
             return False
         if linkage or effect.name == RETURN_SPRING:
-            return base.has_bias and not (base.touches or base.has_spring)
+            in_air = linkage and base.touches and not pressed
+            return in_air or (base.has_bias and not (base.touches or base.has_spring))
         if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
             return False
         shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)

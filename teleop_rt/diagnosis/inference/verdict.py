@@ -32,6 +32,7 @@ _EXTENDS = {
     "stribeck_friction": "coulomb_friction",
     "direction_dependent_damping": "viscous_friction",
     "second_layer": "contact_offset",
+    "gravity_torque": "force_bias",
 }
 
 

@@ -33,6 +33,7 @@ _SLOPE_SIGMAS = 3.0  # standard deviations of a slope that few samples leave pos
 _AIR_WAY_SHARE = 0.8  # of the way to the farthest withdrawal that an approach must cover
 _MOST_SAMPLES = 4000  # of a recording; more are decimated, to save time
 _FRICTION_SPEED_RATIO = 0.02  # of the speed's deviation, over which dry friction reverses
+_ALONG_STROKE = 3  # degree of a weight's force along the stroke: of less than a turn, an arc
 _CORNER_ENERGY_RATIO = 0.5  # of the squared error without a corner; above it none is evident
 _DETECTED_SAMPLES = 3  # in a row above a force, or below it, that begin or end a contact
 _AIR_S = 0.02  # s, of free air before a contact that shows the surface
@@ -97,17 +98,33 @@ def _as_met_on_line(position: Vector, force: Vector, dt: float) -> Surface | Non
     return Surface(place, fixed=False, within=_ERROR_PER_WAY * way, clear=True)
 
 
-def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
+def onset_behind_weight(position: Vector, force: Vector, dt: float) -> Surface | None:
+    """Return the clear onset of a contact beside a force that varies smoothly along the stroke.
+
+    A linkage's weight is such a force. A body that is pressed all along may look alike, so this
+    surface is a hypothesis for the likelihood to judge.
+    """
+    own = _force_of_tool(position, force, dt, _ALONG_STROKE)
+    found = None if own is None else _by_approaches(position, force - own, dt)
+    return found if found is not None and found.clear else None
+
+
+def _force_of_tool(position: Vector, force: Vector, dt: float, along: int = 0) -> Vector | None:
     """Return the force of the tool's friction and inertia, in free air and in contact.
 
-    They are fitted with a corner, beyond which a body with a damper stiffens. None if the corner
-    explains little: the forces of tool and body then cannot be separated.
+    They are fitted with a corner, beyond which a body with a damper stiffens. A polynomial of
+    degree `along` describes a force that varies along the stroke. None if the corner explains
+    little: the forces of tool and body then cannot be separated.
     """
     _, v, a = differentiate(position, dt, half_window(position, dt))
     scales = float(np.std(v)), float(np.std(a))
     if min(scales) <= 0.0:
         return None
-    own = np.array([v / scales[0], np.tanh(v / (_FRICTION_SPEED_RATIO * scales[0])), a / scales[1]])
+    place = (position - np.mean(position)) / np.ptp(position)
+    own = np.array([
+        v / scales[0], np.tanh(v / (_FRICTION_SPEED_RATIO * scales[0])), a / scales[1],
+        *(place**degree for degree in range(1, along + 1)),
+    ])  # fmt: skip
     every = max(1, position.size // _MOST_SAMPLES)
     x, rows, measured = position[::every], own[:, ::every], force[::every]
     travel = float(np.ptp(x))
@@ -122,7 +139,7 @@ def _force_of_tool(position: Vector, force: Vector, dt: float) -> Vector | None:
     corners = np.linspace(np.min(x), np.max(x), _CORNER_GRID + 1)[:-1]
     without, *tries = (fitted(corner) for corner in corners)
     left, theta = min(tries, key=lambda one: one[0])
-    return theta[: len(own)] @ own if left < _CORNER_ENERGY_RATIO * without[0] else None
+    return theta[: len(own)] @ own if along or left < _CORNER_ENERGY_RATIO * without[0] else None
 
 
 def _by_approaches(position: Vector, force: Vector, dt: float) -> Surface | None:

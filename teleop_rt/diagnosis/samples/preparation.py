@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.held import bilateral, is_held
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
+from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.rows import (
     force_noise,
     outliers,
@@ -46,20 +47,21 @@ UNPRESSED = 0.01  # of the largest penetration; below it the body is not yet pre
 
 
 def pose(
-    recording: Recording, base: Base, surface: float | None, *, fresh: bool = False
+    recording: Recording, base: Base, surface: float | Surface | None, *, fresh: bool = False
 ) -> tuple[Problem, Base]:
-    """Return the problem, and the base with its surface free if no surface is given.
+    """Return the problem, and the base with its surface free if no surface is given for sure.
 
     Of a body that is fixed to the tool, without a given surface, it is the base without contact.
     A recording that begins in contact is used from its first release, unless the body is assumed
     to be `fresh` (never pressed before). Raises RecordingError if no sample is usable.
     """
-    if surface is not None or not base.touches:
-        return problem_of(recording, base, surface or 0.0, fresh=fresh), base
+    guess, given = (surface, None) if isinstance(surface, Surface) else (None, surface)
+    if given is not None or not base.touches:
+        return problem_of(recording, base, given or 0.0, fresh=fresh), base
     held = bilateral(base)
-    if held is not None and recording.surface is None and is_held(recording):
+    if held is not None and guess is None and recording.surface is None and is_held(recording):
         return problem_of(recording, held, 0.0, fresh=fresh), held
-    guess = surface_of(recording)
+    guess = guess or surface_of(recording)
     if guess.fixed:
         return problem_of(recording, base, guess.position, fresh=fresh), base
     return problem_of(recording, base, guess.position, guess.within, fresh=fresh), replace(

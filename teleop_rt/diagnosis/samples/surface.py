@@ -7,7 +7,12 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.onset import MIN_CONTACT_SAMPLES, Surface, onset
+from teleop_rt.diagnosis.samples.onset import (
+    MIN_CONTACT_SAMPLES,
+    Surface,
+    onset,
+    onset_behind_weight,
+)
 from teleop_rt.diagnosis.samples.rows import bulk, force_noise, without_lone
 from teleop_rt.errors import RecordingError
 
@@ -62,6 +67,16 @@ def surface_of(recording: Recording) -> Surface:
     near = deepest > 0.0 and abs(found.position) <= _ZERO_SURFACE_SHARE * (deepest - found.position)
     if near and not found.clear:
         return Surface(0.0, fixed=True)
+    return found
+
+
+def surface_behind_weight(recording: Recording) -> Surface | None:
+    """Return the surface that shows only beside a force along the stroke, if there is one."""
+    position, force = recording.position, without_lone(recording.force)
+    found = onset_behind_weight(position, force, recording.dt)
+    seen = onset(position, force, recording.dt)
+    if found and seen and abs(seen.position - found.position) < seen.within:
+        return None
     return found
 
 
