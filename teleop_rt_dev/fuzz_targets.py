@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
-import can
 import numpy as np
 
-from teleop_rt.axis import Sample
 from teleop_rt.config_loader import load_trial
-from teleop_rt.config_rig import RigConfig
-from teleop_rt.errors import ExpectedError
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import MotionMessage, StateMessage
@@ -25,66 +20,14 @@ from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.section import Units
 from teleop_rt.service.server import CommandServer
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
+from teleop_rt_dev.fuzz_damage import Target
+from teleop_rt_dev.fuzz_devices import actuators, bus, lines
 from teleop_rt_dev.paths import CONFIG
-from teleop_rt_dev.trial.files import plant_of
-from teleop_rt_drivers import opening, registry
+from teleop_rt_drivers import registry
 from teleop_rt_drivers.canopen import eds
 from teleop_rt_drivers.framed.dbc import load_dbc
-from teleop_rt_drivers.quantity import plausible_position
 
 PACKAGE = Path(registry.__file__).parent
-WORDS = [
-    *(b"", b"0", b"-1", b"1e308", b"1e-320", b"nan", b".inf", b"null", b"[", b"{", b"&a [*a]"),
-    *(b"*", b"!!python/object", b"\xff\xfe", b"\x00", b"9" * 400, b"\n\n", b": ", b"- "),
-]
-
-EDGES = [number.to_bytes(8, "little") for number in (0, 2**63 - 1, 2**63, 2**64 - 1024, 2**64 - 1)]
-"""Whole numbers at the ends of their range: no random byte comes near them."""
-
-
-def damaged(data: bytes, rng: random.Random) -> bytes:
-    """Return the bytes with a few flipped, cut, doubled or replaced."""
-    changed = bytearray(data)
-    for _ in range(rng.randint(1, 6)):
-        at = rng.randint(0, len(changed))
-        length = rng.choice((1, 2, 4, 16, 200))
-        match rng.randint(0, 6):
-            case 0 if at < len(changed):
-                changed[at] ^= 1 << rng.randint(0, 7)
-            case 1:
-                del changed[at : at + length]
-            case 2:
-                changed[at:at] = changed[at : at + length]
-            case 3:
-                changed[at : at + rng.choice((0, length))] = rng.choice(WORDS)
-            case 4:
-                changed[at:at] = rng.randbytes(length)
-            case 5:
-                del changed[at + length * 50 :]
-            case 6:
-                changed[at : at + 8] = rng.choice(EDGES)
-    return bytes(changed)
-
-
-class Target:
-    """One reader; `last` holds what it was given last."""
-
-    def __init__(self, one: Callable[[bytes], object], seeds: list[bytes]) -> None:
-        self._one = one
-        self._seeds = seeds
-        self.last = b""
-
-    def warm_up(self) -> None:
-        """Read what is whole once: importing what reads it is no case's time."""
-        self._one(self._seeds[0])
-
-    def run(self, rng: random.Random) -> None:
-        """Read one damaged input; a refusal is an answer."""
-        self.last = damaged(rng.choice(self._seeds), rng)
-        try:
-            self._one(self.last)
-        except ExpectedError:
-            return
 
 
 def _noting(send: Callable[..., None], sent: list[bytes]) -> Callable[..., None]:
@@ -211,116 +154,6 @@ def dbc_file(folder: Path) -> Target:
         load_dbc(str(file))
 
     return Target(one, [path.read_bytes() for path in sorted((PACKAGE / "dbc").glob("*.dbc"))])
-
-
-def bus(_folder: Path) -> Target:
-    """Frames of any id and content, at an axis on CANopen that is armed."""
-    trial = load_trial(
-        CONFIG / "trials" / "silicone_cube.yaml", registry.AXIS_SCHEMAS, registry.PLANT_SCHEMAS
-    )
-    now = [10**9]
-    assert isinstance(trial.rig, RigConfig)
-    axis: Any = opening.open_lock_step(trial.rig, plant_of(trial), lambda: now[0], 1)[0]
-    axis.configure()
-    sample = Sample()
-    wire = axis._bus
-
-    def one(data: bytes) -> None:
-        identifier = int.from_bytes(data[:2].ljust(2, b"\0"), "little") & 0x7FF
-        wire.deliver(
-            can.Message(
-                arbitration_id=identifier,
-                is_extended_id=bool(data[2:3] > b"\xe0"),
-                is_error_frame=bool(data[3:4] > b"\xf0"),
-                data=data[4:12],
-            )
-        )
-        now[0] += 1_000_000
-        axis.read_into(sample)
-        axis.write(0.0)
-        assert np.isfinite([sample.position, sample.force]).all()
-
-    ids = (0x190, 0x1A0, 0x1B0, 0x080, 0x090, 0x710, 0x730, 0x000, 0x580)
-    seeds = [one_id.to_bytes(2, "little") + bytes(10) for one_id in ids]
-    return Target(one, seeds)
-
-
-def _configured(name: str, now_ns: Callable[[], int]) -> tuple[RigConfig, Any]:
-    """Return the simulated rig of a drive and its axis, configured on this clock."""
-    trial = load_trial(
-        CONFIG / "trials" / "silicone_cube.yaml",
-        registry.AXIS_SCHEMAS,
-        registry.PLANT_SCHEMAS,
-        [f"rig=../rigs/simulated_{name}.yaml"],
-    )
-    axis = opening.open_lock_step(trial.rig, plant_of(trial), now_ns, 1)[0]
-    axis.configure()
-    return trial.rig, axis
-
-
-def actuators(_folder: Path) -> Target:
-    """Frames of any id and content, at every drive with a protocol of its maker, armed."""
-    ends_of = []
-    now = [10**9]
-    for name in ("odrive", "damiao", "robstride", "moteus", "vesc"):
-        rig, axis = _configured(name, lambda: now[0])
-        bounds = plausible_position(rig)
-        ends_of.append((axis, axis._parts[0][1]._ports[0].wire._bus, bounds))
-    sample = Sample()
-
-    def one(data: bytes) -> None:
-        axis, wire, bounds = ends_of[data[0] % len(ends_of) if data else 0]
-        wire.deliver(
-            can.Message(
-                arbitration_id=int.from_bytes(data[1:5].ljust(4, b"\0"), "little") & 0x1FFFFFFF,
-                is_extended_id=True,
-                is_fd=True,
-                data=data[5:69],
-            )
-        )
-        wire.deliver(
-            can.Message(
-                arbitration_id=int.from_bytes(data[1:3].ljust(2, b"\0"), "little") & 0x7FF,
-                is_extended_id=False,
-                data=data[5:13],
-            )
-        )
-        now[0] += 1_000_000
-        axis.read_into(sample)
-        axis.write(0.0)
-        assert bounds.lower <= sample.position <= bounds.upper
-        assert np.isfinite([sample.position, sample.force]).all()
-
-    ids = ((0, 0x61), (0, 0x69), (0, 0x74), (1, 0x11), (2, 0x02807FFD), (3, 0x100),
-           (4, 0x917), (4, 0x1017))  # fmt: skip
-    seeds = [
-        bytes((drive,)) + frame_id.to_bytes(4, "little") + bytes(24) for drive, frame_id in ids
-    ]
-    return Target(one, seeds)
-
-
-def lines(_folder: Path) -> Target:
-    """Bytes of any content, at every servo on a serial line, armed."""
-    ends_of = []
-    now = [10**9]
-    for name in ("dynamixel", "feetech"):
-        rig, axis = _configured(name, lambda: now[0])
-        line = axis._parts[0][1]._ports[0].wire._stream
-        ends_of.append((axis, line, plausible_position(rig)))
-    sample = Sample()
-
-    def one(data: bytes) -> None:
-        axis, line, bounds = ends_of[data[0] % len(ends_of) if data else 0]
-        line._arrived += data[1:]
-        now[0] += 2_000_000
-        axis.read_into(sample)
-        axis.write(0.0)
-        assert bounds.lower <= sample.position <= bounds.upper
-        assert np.isfinite([sample.position, sample.force]).all()
-
-    packets = [bytes.fromhex("FFFFFD00011300550005010003000000000000000000000000000000")]
-    packets.append(bytes.fromhex("FFFF012100") + b"\x01" + bytes(30) + b"\xdc")
-    return Target(one, [bytes((drive,)) + packet for drive, packet in enumerate(packets)])
 
 
 TARGETS: dict[str, Callable[[Path], Target]] = {

@@ -11,9 +11,7 @@ from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.checks import (
     STOPPED,
     Check,
-    applied_in_order,
     counted_hostile,
-    declutches_and_fades,
     goes_back_to_the_surface,
     goes_on_once_healed,
     goes_on_without_a_step,
@@ -23,23 +21,18 @@ from teleop_rt_dev.faults.checks import (
     in_hold,
     late_now_and_then,
     limited,
-    master_is,
     named_by_comparison,
     never_beyond_the_limits,
     none_accepted,
     nothing_waited,
     number_again,
     power_returns,
-    reduced,
-    refused_models,
     rejected,
     rejected_and_going_on,
-    renders_sanely,
     restart_is_disarmed,
     stays_off,
     stopped,
     stopped_while_jammed,
-    within_the_passive_bound,
 )
 from teleop_rt_dev.faults.disk import alarmed, fill_the_disk, goes_on_and_loses_nothing
 from teleop_rt_dev.faults.injections import (
@@ -61,6 +54,15 @@ from teleop_rt_dev.faults.injections import (
     stalled,
     unplugged,
     wild_models,
+)
+from teleop_rt_dev.faults.master_checks import (
+    applied_in_order,
+    declutches_and_fades,
+    master_is,
+    reduced,
+    refused_models,
+    renders_sanely,
+    within_the_passive_bound,
 )
 from teleop_rt_dev.faults.world import WATCHDOG_MS, FaultWorld, Phase
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import can
 import pytest
 import yaml
-from canopen.sdo.exceptions import SdoAbortedError
 from framed_bench import MS, RIGS, FramedBench, edited, load
 
 from teleop_rt.cli import main
@@ -16,8 +15,6 @@ from teleop_rt.config_link import LinkConfig
 from teleop_rt.config_loader import load_rig, load_trial
 from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import link_check, registry
-from teleop_rt_drivers.bus_load import frame_bits
-from teleop_rt_drivers.canopen.survey import survey
 from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.doctor import examine_axis, frame_names
 from teleop_rt_drivers.examination import between_processes, simulation_first
@@ -26,59 +23,6 @@ from teleop_rt_drivers.observed_bus import ObservedBus
 from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 EVERY_KIND = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
-
-
-def load_of(findings):
-    (found,) = (f for f in findings if f.where.endswith(".bus"))
-    return found
-
-
-@pytest.mark.parametrize(("size", "bits"), [(0, 55), (1, 65), (5, 105), (8, 135)])
-def test_a_frame_is_as_long_as_stuffing_can_make_it(size, bits):
-    assert frame_bits(size) == bits
-
-
-def longest(size: int) -> int:
-    """The longest frame, found by stuffing the worst pattern bit by bit (CRC counted as worst)."""
-    body = [0] * 5 + [1, 1, 1, 1, 0, 0, 0, 0] * 20
-    body = body[: 34 + 8 * size]
-    stuffed, run, last = [], 0, None
-    for bit in body:
-        stuffed.append(bit)
-        run = run + 1 if bit == last else 1
-        last = bit
-        if run == 5:
-            last = 1 - bit
-            stuffed.append(last)
-            run = 1
-    return len(stuffed) + 13
-
-
-@pytest.mark.parametrize("size", [0, 1, 5, 8])
-def test_no_pattern_of_bits_is_longer_than_the_formula(size):
-    assert longest(size) <= frame_bits(size)
-    assert longest(size) >= frame_bits(size) - 1
-
-
-def test_the_canopen_rig_uses_58_percent_of_1_mbit_at_1_khz():
-    found = load_of(check_rig(load("canopen")))
-    assert found.severity == "ok"
-    assert found.what.startswith("58 % of 1000000 bit/s is used at 1000 Hz")
-
-
-def test_half_the_bit_rate_is_refused_with_the_rate_that_fits(tmp_path):
-    rig = edited("canopen", tmp_path, ("bitrate: 1000000", "bitrate: 500000"))
-    found = load_of(check_rig(rig))
-    assert found.severity == "error"
-    assert found.what.startswith("116 % of 500000 bit/s")
-    assert "set rate_hz to at most 679" in found.next_step
-    slower = edited(
-        "canopen",
-        tmp_path,
-        ("bitrate: 1000000", "bitrate: 500000"),
-        ("rate_hz: 1000", "rate_hz: 500"),
-    )
-    assert load_of(check_rig(slower)).severity == "ok"
 
 
 @pytest.mark.parametrize("kind", EVERY_KIND)
@@ -296,63 +240,6 @@ def test_a_simulated_network_is_reported_where_no_plant_is_simulated(call, tmp_p
     assert found["severity"] == "warning"
     assert found["what"].endswith(": round_trip_ms, loss")
     assert found["where"] == "link.round_trip_ms"
-
-
-def surveyed(rig, bench):
-    return survey(rig.axis, bench.ends.bus_pair("")[0], lambda: bench.now)
-
-
-def test_the_survey_names_every_node_and_finds_its_eds_true():
-    rig = load("canopen")
-    findings = surveyed(rig, FramedBench(rig))
-    assert [finding.severity for finding in findings] == ["ok"] * 6
-    said = [finding.what for finding in findings]
-    assert said[0] == ("node 0x10 (encoder) answers: vendor 0x543, product 0x406, revision 0x10000")
-    assert any("node 0x30 (drive) has all" in what for what in said)
-
-
-def test_the_survey_finds_a_stranger_and_a_silent_node():
-    rig = load("canopen")
-    moved = rig.axis.force.model_copy(update={"node_id": 0x22})
-    elsewhere = rig.model_copy(update={"axis": rig.axis.model_copy(update={"force": moved})})
-    findings = surveyed(rig, FramedBench(elsewhere))
-    bad = {finding.what: finding for finding in findings if finding.severity != "ok"}
-    assert "node 0x20 (force sensor) does not answer" in bad
-    stranger = "node 0x22 answers and is not one of the rig's: vendor 0x543, product 0x404"
-    assert any(what.startswith(stranger) for what in bad)
-    assert all(finding.next_step for finding in bad.values())
-
-
-def test_the_survey_finds_a_device_that_is_not_what_its_eds_says():
-    rig = load("canopen")
-    bench = FramedBench(rig)
-    device = bench.simulated.devices["encoder"]
-    read = device.get_data
-
-    def other(index, subindex, check_readable=False):
-        if index == 0x6503:
-            raise SdoAbortedError(0x06020000)
-        if (index, subindex) == (0x1018, 3):
-            return b"\x02\0\0\0"
-        return b"\0\0" if index == 0x6004 else read(index, subindex, check_readable)
-
-    device.get_data = other
-    (found,) = (f for f in surveyed(rig, bench) if f.severity == "error")
-    assert "differs from its EDS in 3 of" in found.what
-    for part in ("1018h:3 is 2, not 65536", "6004h:0 has 16 bits, not 32", "6503h:0 ("):
-        assert part in found.what
-
-
-def test_the_survey_asks_nothing_where_another_master_is():
-    rig = load("canopen")
-    bench = FramedBench(rig)
-    daemon_end, device_end = bench.ends.bus_pair("")
-    asked = []
-    device_end.deliver = asked.append
-    daemon_end.deliver(can.Message(arbitration_id=0x80, is_extended_id=False))
-    (found,) = surveyed(rig, bench)
-    assert "another master" in found.what
-    assert asked == []
 
 
 def test_timing_is_reported_for_each_frame_with_its_delay_after_sync():

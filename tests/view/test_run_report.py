@@ -29,13 +29,15 @@ from teleop_rt.view.commands import report_of_run
 from teleop_rt_dev.paths import SILICONE
 
 pytest.importorskip("matplotlib")
+
 pytest.importorskip("jinja2")
+
 pytest.importorskip("bokeh")
 
 from teleop_rt.cli.reporting import felt_of
 from teleop_rt.trial.grades import GRADE_COLOURS, grades
 from teleop_rt.trial.summary_file import read_summary
-from teleop_rt.view import figures, headline, residual, run_folder, run_times
+from teleop_rt.view import figures, headline, run_folder, run_times
 from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
 from teleop_rt.view.compare import compared
 from teleop_rt.view.delay import one_way_delays
@@ -453,34 +455,6 @@ def test_the_report_of_the_newest_listed_run_is_opened(good, stopped, call, tmp_
     code, _, errors = call("runs", runs, "--open")
     assert code == 2
     assert f"`teleop-rt report {runs / stopped.name}` writes it" in errors
-
-
-def test_white_noise_behind_the_filter_is_white_and_a_left_over_spring_is_not():
-    rng = np.random.default_rng(5)
-    noise = np.convolve(rng.normal(0.0, 0.2, 20_000), np.full(8, 1 / 8), "same")
-    white = residual.whiteness(noise, 1e-3, 60.0)
-    assert white.white
-    assert residual.verdict(white, 0.05, "N")["grade"] == "good"
-    left = noise + 0.5 * np.sin(np.arange(noise.size) * 0.019)
-    coloured = residual.whiteness(left, 1e-3, 60.0)
-    assert not coloured.white
-    reported = residual.verdict(coloured, 0.05, "N")
-    assert reported["title"] == "model inadequate"
-    assert "teleop-rt diagnose" in reported["text"]
-
-
-def test_the_daemons_own_word_on_its_model_decides():
-    white = residual.whiteness(np.random.default_rng(5).normal(0.0, 0.1, 20_000), 1e-3, 60.0)
-    grades = [residual.verdict(white, 0.2, "N", said)["grade"] for said in (None, False, True)]
-    assert grades == ["good", "good", "attention"]
-
-
-def test_a_residual_that_is_too_short_is_not_judged():
-    assert residual.whiteness(np.full(9, np.nan), 1e-3, 60.0) is None
-    assert residual.verdict(None, 0.05, "N")["grade"] == "unknown"
-    assert residual.verdict(None, 0.05, "N", inadequate=False)["grade"] == "unknown"
-    reported = residual.verdict(None, 0.05, "N", inadequate=True)
-    assert (reported["grade"], reported["title"]) == ("attention", "model inadequate")
 
 
 def test_delays_are_reported_per_model_and_one_overtaken_counts_as_lost():
