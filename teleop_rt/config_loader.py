@@ -89,7 +89,7 @@ def _require_mapping(document: Document, path: Path) -> None:
         kinds = {"nothing": type(None), "a list": list | tuple, "text": str}
         held = [kind for kind, types in kinds.items() if isinstance(document.data, types)]
         found = "".join(held) or "one value"
-        message = f"must hold keys and values, and holds {found}: name a trial or rig (YAML)"
+        message = f"must contain keys and values (it contains {found}): name a trial or rig (YAML)"
         raise ConfigError([Problem(str(path), message)])
     found = document.data.get("format", FORMAT)
     if found != FORMAT:

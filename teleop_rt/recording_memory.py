@@ -25,7 +25,7 @@ def most_bytes() -> int:
         free = _free_bytes()
         return (free if own == resource.RLIM_INFINITY else min(free, own)) // 2
     if not (stated.isascii() and stated.isdecimal()):
-        raise RecordingError(f"{VARIABLE}={stated}: a number of megabytes is expected")
+        raise RecordingError(f"{VARIABLE}={stated}: give a number of megabytes")
     return int(stated) << 20
 
 

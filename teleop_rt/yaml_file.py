@@ -210,7 +210,7 @@ class _Building:
             self.problems.append(Problem(where, f"{node.value!r:.80} is not what its tag says"))
             return None
         if isinstance(value, str) and _CONTROL.search(value):
-            self.problems.append(Problem(where, "holds a control character: remove it"))
+            self.problems.append(Problem(where, "contains a control character: remove it"))
         return value
 
     def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
@@ -224,7 +224,9 @@ class _Building:
             if key in mapping:
                 self.problems.append(Problem(where, f"key {key!r} is given twice: keep one"))
             if _CONTROL.search(key):
-                self.problems.append(Problem(where, "a key holds a control character: remove it"))
+                self.problems.append(
+                    Problem(where, "a key contains a control character: remove it")
+                )
                 continue
             self._places[(*path, key)] = where
             mapping[key] = self.build(value_node, (*path, key))

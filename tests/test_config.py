@@ -165,7 +165,7 @@ def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path):
     assert "trial.yaml: is a rig: name a trial, whose key `rig` names this file" in rig
     for text, kind in (("t_s,x\n0,1\n", "text"), ("- 1\n- 2\n", "a list"), ("", "nothing")):
         [found] = problems_of(tmp_path, trial=text)
-        assert f"must hold keys and values, and holds {kind}: name a trial or rig" in found
+        assert f"must contain keys and values (it contains {kind}): name a trial or rig" in found
 
 
 @pytest.mark.parametrize(
@@ -298,7 +298,7 @@ def test_a_missing_rig_an_unknown_driver_and_broken_yaml_each_get_one_message(tm
     assert broken.startswith("trial.yaml:2: YAML syntax")
     assert broken.endswith("; check brackets, quotes and indentation in this line and those above")
     (empty,) = problems_of(tmp_path, trial="")
-    assert "must hold keys and values" in empty
+    assert "must contain keys and values" in empty
 
 
 def test_a_plant_on_a_rig_that_simulates_nothing_is_refused(tmp_path):

@@ -33,7 +33,7 @@ def bomb(levels: int, width: int = 9) -> str:
         ("a: " + "9" * 5000, "not what its tag says"),
         ('a: "\\e[2J"', "control character"),
         ('a: "\\x9b31m"', "control character"),
-        ('"\\e]0;b": 1', "a key holds a control character"),
+        ('"\\e]0;b": 1', "a key contains a control character"),
     ],
 )
 def test_a_bomb_is_refused_in_a_sentence(tmp_path: Path, text: str, message: str) -> None:

@@ -18,7 +18,7 @@ from teleop_rt.axis import AxisError
 from teleop_rt_drivers.framed.stream import SerialStream, StreamGoneError
 
 BAUD = 1_000_000
-"""Of the port, which is USB alone: the adapter does not heed it."""
+"""Bit rate of the port; the adapter ignores it, because the port is USB."""
 ANSWER_S = 0.5
 """Longest wait for the adapter's answer to a command."""
 LONGEST_LINE = 256

@@ -1,4 +1,4 @@
-"""A rig's file from what is on the table: who answers is asked, and the file written."""
+"""Write a rig file for the devices at hand, with the values that they report."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def with_found(text: str, drive: str, found: Sequence[Found], chosen: int | None) -> str:
-    """Return the rig's text with what devices said. Raises NewRigError for none, or too many.
+    """Return the rig's text with the devices' values. Raises NewRigError for none, or too many.
 
     Of several drives `chosen` is the one; CANopen nodes differ by their profiles.
     """
@@ -101,7 +101,7 @@ def _one(found: Sequence[Found], chosen: int | None) -> Found:
 
 
 def scan(text: str, now_ns: Callable[[], int], drive: str) -> list[Found]:
-    """Return who answers where the rig of this text has its drive. Raises AxisError."""
+    """Return the devices that answer on the bus or line of the drive. Raises AxisError."""
     _, part = device_part(text, drive)
     if drive in ON_LINES:
         device = part["device"]
@@ -115,7 +115,7 @@ def scan(text: str, now_ns: Callable[[], int], drive: str) -> list[Found]:
 
 
 def on_bus(bus: can.BusABC, now_ns: Callable[[], int], drive: str) -> list[Found]:
-    """Return who answers on a CAN bus."""
+    """Return the devices that answer on a CAN bus."""
     if drive == "canopen":
         return canopen_nodes.nodes(bus, now_ns)
     return can_drives.SCANS[drive](can_drives.CanScan(bus, now_ns))

@@ -1,4 +1,4 @@
-"""One estimator, step by step, for a control loop of somebody else's."""
+"""One estimator, sample by sample, for a control loop outside this program."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Where a tool met a surface, by a force that its converter averages while it settles.
 
-About the surface such a force is no function of the averaged position: a part of the average was
-taken in the air. What a linear body gives is averaged here instead, for each place that the surface
-may have: (x - place) where it is positive, and the speed there.
+Near the surface such a force is not a function of the averaged position, because a part of the
+average was taken in the air. The force of a linear body is therefore averaged for each candidate
+place of the surface: (x - place) where it is positive, and the speed there.
 """
 
 from __future__ import annotations

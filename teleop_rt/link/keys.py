@@ -101,7 +101,9 @@ def load_own_key(path: Path) -> PeerKeys:
     """Read the one key of an operator's side. Raises KeyFileError where there are several."""
     keys = load_keys(path)
     if len(keys) != 1:
-        raise KeyFileError(f"{path}: holds {len(keys)} keys; the master's side needs only its own")
+        raise KeyFileError(
+            f"{path}: contains {len(keys)} keys: the master's side needs only its own"
+        )
     return keys
 
 
@@ -127,7 +129,7 @@ def _peer_key(words: list[str], where: str) -> PeerKey:
 
 def _distinct(keys: PeerKeys, path: Path) -> PeerKeys:
     if not 0 < len(keys) <= MOST_KEYS:
-        raise KeyFileError(f"{path}: holds {len(keys)} keys; 1 to {MOST_KEYS} are expected")
+        raise KeyFileError(f"{path}: contains {len(keys)} keys: 1 to {MOST_KEYS} are expected")
     for what, values in (("name", [key.name for key in keys]), ("key", [k.secret for k in keys])):
         if len(set(values)) < len(values):
             raise KeyFileError(f"{path}: a {what} is listed twice: each operator needs its own")

@@ -23,8 +23,8 @@ TROUBLES: tuple[tuple[str, str], ...] = (
         "nothing",
         (
             "nothing has arrived from the peer: check that it runs, its address and port, and that "
-            "both sides have the same key and version, for what does not verify is not answered; "
-            "an operator whose line was removed from the rig's key file gets no answer either"
+            "both sides have the same key and version; a packet that does not verify is not "
+            "answered, nor an operator whose line was removed from the rig's key file"
         ),
     ),
     (

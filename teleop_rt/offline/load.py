@@ -86,7 +86,7 @@ def _recorded(path: Path, signals: Sequence[str]) -> tuple[dict[str, str], dict[
     _note_cut_off(path)
     slave = read_topics(path, ["/slave"], {"/slave": signals}).get("/slave")
     if metadata is None or slave is None:
-        raise RecordingError(f"{path}: holds no slave of a run of this program")
+        raise RecordingError(f"{path}: has no slave's side of a run: give the recording of a run")
     return metadata, slave
 
 
@@ -107,7 +107,9 @@ def _settings(path: Path, metadata: dict[str, str]) -> PipelineSettings:
     try:
         return PipelineSettings(**json.loads(metadata["settings"]))
     except (TypeError, ValueError, KeyError) as error:
-        raise RecordingError(f"{path}: its settings are none of this program: {error}") from error
+        raise RecordingError(
+            f"{path}: its settings are not those of this version: {error}"
+        ) from error
 
 
 def _samples(slave: dict[str, Array], settings: PipelineSettings) -> Samples:

@@ -78,7 +78,9 @@ def read_episode(recording: Path, fps: int) -> Episode:
     """
     columns = read_topics(recording, [SLAVE_TOPIC]).get(SLAVE_TOPIC)
     if columns is None:
-        raise RecordingError(f"{recording}: holds no {SLAVE_TOPIC}")
+        raise RecordingError(
+            f"{recording}: has no {SLAVE_TOPIC}: give the recording of a run or of its slave"
+        )
     rows = np.stack([columns[name] for name in (*STATE, ACTION)], axis=1)
     known = (columns["valid"] > 0) & np.isfinite(rows).all(axis=1)
     stamps, rows = columns["stamp_ns"][known], rows[known]

@@ -73,7 +73,7 @@ def export_ros2(recording: Path, out: Path) -> int:
         raise RecordingError(f"ros2 needs mcap-ros2-support: `{install_command('ros2')}`") from None
     topics = read_topics(recording, list(SIDES))
     if not topics:
-        raise RecordingError(f"{recording}: holds neither {' nor '.join(SIDES)}")
+        raise RecordingError(f"{recording}: has neither {' nor '.join(SIDES)}: give a run's")
     written = 0
     with out.open("wb") as stream:
         writer: Any = Writer(stream)

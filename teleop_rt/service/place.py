@@ -275,7 +275,9 @@ def _open(path: Path) -> int:
     found = os.fstat(descriptor)
     if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
         os.close(descriptor)
-        raise PlaceError(f"{path}: cannot lock this rig: is no plain file of its own; remove it")
+        raise PlaceError(
+            f"{path}: cannot lock this rig: it is not a regular file with one name; remove it"
+        )
     return descriptor
 
 

@@ -45,7 +45,7 @@ def recording_of(path: Path) -> Path:
     else:
         recording = path
         if not (path.is_file() or parts(path)):
-            what = "no plain file" if path.exists() else "no such file"
+            what = "not a regular file" if path.exists() else "no such file"
             raise RecordingError(f"{path}: {what}: {_WANTED}")
     _refuse_unreadable(recording)
     return recording
@@ -56,7 +56,7 @@ def _refuse_unreadable(recording: Path) -> None:
         empty = True
         for part in parts(recording) or [recording]:
             if part.exists() and not part.is_file():  # a pipe would be waited for
-                raise RecordingError(f"{part}: no plain file: {_WANTED}")
+                raise RecordingError(f"{part}: not a regular file: {_WANTED}")
             with part.open("rb") as stream:
                 empty = empty and not stream.read(1)
     except OSError as error:

@@ -142,7 +142,7 @@ def _charts(folder: Path, felt_of: FeltOf) -> Iterator[Chart]:
 def _run(folder: Path, felt_of: FeltOf) -> Run:
     summary = read_summary(folder)
     if summary is None:
-        raise RecordingError(f"{folder}: holds no summary: its run was cut off")
+        raise RecordingError(f"{folder}: has no summary, because its run was cut off: run it again")
     return load_run(folder, summary, read_recorded(folder), felt_of)
 
 

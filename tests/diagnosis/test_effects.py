@@ -215,7 +215,7 @@ def test_a_user_file_is_used_again_by_another_process_and_after_a_change(tmp_pat
     ("text", "message"),
     [
         ("EFFECTS = ()", "must be a tuple"),
-        ("EFFECTS = (3,)", "holds a int"),
+        ("EFFECTS = (3,)", "contains int: write Effect"),
         ("import nothing_like_this", "ModuleNotFoundError"),
         (USER_FILE.replace("buried_grain", "hysteresis").replace("family", "law='plain', family"),
          "exists"),

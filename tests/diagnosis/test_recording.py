@@ -413,7 +413,7 @@ def test_a_pipe_under_the_name_of_a_recording_is_refused_and_not_waited_for(tmp_
     writer = os.open(path, os.O_RDWR)  # who opens it unduly finds nothing, but does not wait
     os.write(writer, b"x")
     try:
-        with pytest.raises(RecordingError, match="no plain file"):
+        with pytest.raises(RecordingError, match="not a regular file"):
             recording_of(path)
     finally:
         os.close(writer)

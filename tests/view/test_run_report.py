@@ -283,7 +283,7 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call,
         (lambda f: (f / "recording.mcap").write_bytes(b""), "recording.mcap: is empty"),
         (lambda f: (f / "recording.mcap").write_bytes(b"text"), "not an MCAP recording"),
         (lambda f: (f / "summary.json").write_text("{"), "summary.json: cannot be read"),
-        (lambda f: (f / "trial.yaml").write_text("a: 1"), "trial.yaml: is no trial as run"),
+        (lambda f: (f / "trial.yaml").write_text("a: 1"), "trial.yaml: not the trial of a run"),
     ],
 )
 def test_what_cannot_be_reported_is_refused_with_its_place(stopped, call, tmp_path, damage, words):

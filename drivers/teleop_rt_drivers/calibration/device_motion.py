@@ -1,4 +1,4 @@
-"""Let a handle swing by itself between two places: its motor pushes it to and fro."""
+"""Swing a free handle between two places by its own motor."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def swing(
     reach: float,
     seconds: float,
 ) -> SwingRecord:
-    """Push the device to and fro about where it stands, and return what it did.
+    """Push the device to and fro about its present position, and return its motion.
 
     The push turns where the device is `reach` from its beginning. Raises CalibrationError for a
     fault, for one that gets no power, that does not turn, or that goes too far; it ends stopped.

@@ -84,7 +84,9 @@ def find_torque_lag(
     """
     slave = read_topics(recording, ["/slave"]).get("/slave")
     if slave is None:
-        raise CalibrationError(f"{recording}: holds no slave of a run of this program")
+        raise CalibrationError(
+            f"{recording}: has no slave's side of a run: give the recording of a run"
+        )
     pressing = _pressing(slave, rig)
     if pressing.times.size * rig.period_ns < 1e9 * LEAST_S:
         raise CalibrationError(f"{recording}: press on something elastic for 10 s or more")

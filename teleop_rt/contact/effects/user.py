@@ -71,7 +71,9 @@ def checked(place: str, declared: object) -> tuple[Effect, ...]:
     taken = {(effect.name, effect.law) for effect in LIBRARY}
     for effect in declared:
         if not isinstance(effect, Effect):
-            raise EffectError(f"{place}: EFFECTS holds a {type(effect).__name__}, not an Effect")
+            raise EffectError(
+                f"{place}: EFFECTS contains {type(effect).__name__}: write Effect(...)"
+            )
         if (effect.name, effect.law) in taken:
             raise EffectError(f"{place}: {effect.name} ({effect.law}) exists: take another law")
         taken.add((effect.name, effect.law))

@@ -48,7 +48,9 @@ def live_beside(port: int) -> Iterator[None]:
             assert page.stdout is not None  # noqa: S101 - opened as a pipe
             line = page.stdout.readline()
             if not line:
-                raise RecordingError("the live page did not begin")
+                raise RecordingError(
+                    "the live page did not start: its own message is above; run without --live"
+                )
             print(line, end="", file=sys.stderr)
             yield
         finally:

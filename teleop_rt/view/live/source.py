@@ -129,7 +129,7 @@ class RecordingSource:
         self._rewind(0.0)
         while not self._ahead.get("/slave"):
             if not self._take():
-                raise RecordingError(f"{path}: holds no tick of a slave of this program")
+                raise RecordingError(f"{path}: has no tick of a slave: give the recording of a run")
         self._first_ns = float(self._ahead["/slave"][0]["stamp_ns"] or 0.0)
         self._read_until(self._first_ns)
 
