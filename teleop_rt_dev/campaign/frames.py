@@ -101,7 +101,7 @@ class Victim:
     def settle(self) -> bool:
         """Take over a value as a cycle does; return whether there is a new one."""
         self.wire.fault = AxisFault.NONE
-        taken: bool = self.signal.settle()
+        taken: bool = self.signal.settle(self.now_ns)
         return taken
 
     def stands(self, before: float, before_ns: int) -> bool:
