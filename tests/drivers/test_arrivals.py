@@ -9,9 +9,9 @@ import time
 import can
 import numpy as np
 import pytest
+from armed_actuators import armed
 from framed_bench import RIGS, edited, load
 from rig_bench import MS, START_NS, plant_config
-from test_actuators import armed
 
 from teleop_rt.axis import AxisFault
 from teleop_rt.config_loader import load_trial

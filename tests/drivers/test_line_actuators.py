@@ -6,9 +6,9 @@ import random
 import struct
 
 import pytest
+from armed_actuators import ON_LINES, armed, at_1_khz, cycle, until
 from framed_bench import FramedBench, edited, load
 from rig_bench import MS, plant_config
-from test_actuators import ON_LINES, armed, at_1_khz, cycle, until
 
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt.yaml_file import ConfigError
