@@ -174,7 +174,7 @@ def run_side(
     key: Path,
     others: Callable[[], None],
 ) -> None:
-    """Be one side of a run, in a process of its own that ends with the one that started it.
+    """Run one side of a run, in a process of its own that ends with the one that started it.
 
     Session and folder are the run's, and its recorder records; the slave is armed at once. What it
     computes is loaded while the others start, and it takes its axis when they are ready.
