@@ -221,3 +221,11 @@ def test_a_held_out_record_in_other_units_is_refused_or_asked_about(call, tmp_pa
         notes = json.loads(call("diagnose", recording, *arguments, test)[1])["notes"]
         assert any("in the same units?" in note for note in notes) == asked
         assert not any("slow noise" in note for note in notes)
+
+
+@pytest.mark.parametrize("command", ["replay", "diagnose"])
+def test_a_rate_beside_a_column_of_times_is_refused(call, tmp_path, command):
+    path = write_csv(tmp_path / "press.csv", *press(1.0))
+    code, _, errors = call(command, path, "--rate", 1000)
+    assert code == 2
+    assert "has a column with times: leave out --rate" in errors
