@@ -11,7 +11,8 @@ import pytest
 from teleop_rt.errors import ExpectedError
 from teleop_rt_dev.campaign import fuzz as campaign_fuzz
 from teleop_rt_dev.campaign.frames import ON_CAN, ON_LINES, Victim, attack
-from teleop_rt_dev.fuzz_targets import TARGETS, Target
+from teleop_rt_dev.fuzz_damage import Target
+from teleop_rt_dev.fuzz_targets import TARGETS
 from teleop_rt_drivers.actuators.feetech import FeetechCodec
 
 CASES = 40

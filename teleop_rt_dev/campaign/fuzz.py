@@ -23,7 +23,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from teleop_rt_dev.fuzz_targets import TARGETS, Target
+from teleop_rt_dev.fuzz_damage import Target
+from teleop_rt_dev.fuzz_targets import TARGETS
 
 HANG_S = 5
 """Of processor time: what else the machine does is no hang."""
