@@ -40,7 +40,6 @@ class Door:
 
 
 _DOOR = record_type(Door)
-_DESCRIPTOR = list(Door.__annotations__).index("descriptor")
 Doors = NDArray[np.record]
 Lengths = NDArray[np.uint32]
 Whole = NDArray[np.int64]
@@ -72,12 +71,6 @@ class CanDoor:
         self.words: Whole = np.zeros(_CLOCK + _CLOCK_WORDS, np.int64)
         self.door.sending, self.door.frame_bytes = self.words.ctypes.data, size
         self.arrays = stored, np.asarray(packets.lengths), self.slots
-        self._fields = stored.view(np.int64).data
-
-    @property
-    def is_open(self) -> bool:
-        """Return whether there is a socket, and frames sent there are heard by all."""
-        return self._fields[_DESCRIPTOR] >= 0
 
 
 @kernel

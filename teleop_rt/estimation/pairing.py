@@ -267,6 +267,10 @@ class Pairing:
         count_lost(pairs, wanted_ns)
         return True
 
+    def newest(self) -> tuple[float, float, int]:
+        """Return position and force of the newest pair, and how many were lost before it."""
+        return self._floats[_POSITION], self._floats[_FORCE], self._counts[_GAP]
+
     @property
     def position(self) -> float:
         """Position of the newest pair."""

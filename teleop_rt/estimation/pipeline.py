@@ -231,6 +231,11 @@ class Pipeline:
         return self._one
 
     @property
+    def shifts(self) -> bool:
+        """Whether `shift` may be other than 0."""
+        return self._corrections is not None or self._surface_motion is not None
+
+    @property
     def shift(self) -> float:
         """Motion of tip or surface, by effects or followed, which the encoder does not show."""
         shift = 0.0 if self._corrections is None else self._corrections.shift

@@ -174,26 +174,24 @@ class Endpoint(Mailbox):
         return intake.silence_of(self._numbers, now_ns)
 
     def poll(self) -> None:
-        """Take in what has arrived, a bounded number of packets, and keep the session alive."""
+        """Take in what has arrived, a bounded number of packets, and keep the session alive.
+
+        Where one packet waits and is expected, or none waits, a kernel finds that out.
+        """
         self.fresh_motion = self.fresh_state = False
         now_ns, sessions = self._now_ns(), self.sessions
-        if not self._poll_door(now_ns):
+        udp, door, session = self._udp, self._door, sessions.current
+        if udp is None or door is None or session is None or not udp.is_empty:
+            self._poll_transport(now_ns)
+        elif length := self._receive_expected(udp.name, session.signed_id, self._kinds):
+            self._try_expected(session, door.memory[:length], now_ns)  # nearly always
+        elif (count := door.received) > 0:
+            udp.take_up(count)
             self._poll_transport(now_ns)
         if now_ns >= sessions.ages_ns:
             sessions.age(now_ns)
         if self._caller is not None:
             self._call(self._caller, now_ns)
-
-    def _poll_door(self, now_ns: int) -> bool:
-        """Take in what waits if that is one expected packet, or none; return whether it was."""
-        udp, door, session = self._udp, self._door, self.sessions.current
-        if udp is None or door is None or session is None or not udp.is_empty:
-            return False
-        if length := self._receive_expected(udp.name, session.signed_id, self._kinds):
-            self._try_expected(session, door.memory[:length], now_ns)
-            return True
-        udp.take_up(max(0, door.received))
-        return door.received <= 0
 
     def _poll_transport(self, now_ns: int) -> None:
         """Take in what has arrived, packet by packet."""
@@ -298,9 +296,9 @@ class Endpoint(Mailbox):
             self.statistics.reject(error.reason)
             return
         if numbers[_KIND] == _MOTION:
-            self.hold_motion(body)
+            self._motion, self.fresh_motion = body, True
         else:
-            self.hold_state(body)
+            self._state, self.fresh_state = body, True
 
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of what they cost."""

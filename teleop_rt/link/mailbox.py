@@ -44,19 +44,11 @@ class Mailbox:
         """Keep a message that is news, of which `read` is what was read of its body already."""
         if kind == Kind.MOTION:
             self.newest_motion.take(body)
-            self.hold_motion(body)
+            self._motion, self.fresh_motion = body, True
         elif kind == Kind.STATE:
-            self.hold_state(body)
+            self._state, self.fresh_state = body, True
         elif isinstance(read, ModelMessage):
             self.hold_model(read)
-
-    def hold_motion(self, body: bytes) -> None:
-        """Keep a motion that is news, and that kernels have already."""
-        self._motion, self.fresh_motion = body, True
-
-    def hold_state(self, body: bytes) -> None:
-        """Keep a state that is news."""
-        self._state, self.fresh_state = body, True
 
     def hold_model(self, model: ModelMessage) -> None:
         """Keep a model that is news."""

@@ -127,13 +127,14 @@ def _one_way(clock: Whole) -> int:
 class PeerClock:
     """Offset of the peer's clock [ns, theirs minus ours] and the link's own one-way time [ns].
 
-    `words` hold its state, for the kernels.
+    `words` hold its state, for the kernels; `held` (1,) is not 0 while it is `fixed`.
     """
 
     def __init__(self, one_way_max_ns: int | None = None) -> None:
         self.words = np.zeros(_WORDS, np.int64)
         self.words[_DECLARED] = -1 if one_way_max_ns is None else one_way_max_ns
         self._words = self.words.data
+        self.held = self._words[_FIXED : _FIXED + 1]
         self.forget()
 
     @property

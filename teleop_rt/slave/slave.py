@@ -68,7 +68,9 @@ class Slave:
         rig, period_s = trial.rig, trial.rig.period_ns * 1e-9
         self._axis = axis
         self._endpoint = endpoint
+        self._clock_held = endpoint.clock.held
         self._pipeline = pipeline
+        self._shifts = pipeline.shifts
         self._now_ns = now_ns
         self._row_ring = row_ring
         self._estimate_log = estimate_log
@@ -239,9 +241,16 @@ class Slave:
         action = self._decide(CHECK)
         if action == ZEROS:
             action = self._advance_zeros()
-        self._hold_clock(action)
+        if action == STOP_DRIVE or (self._counts[_LED] and not self._clock_held[0]):
+            self._hold_clock(action)
         self._act(action)
-        self._note_fault()
+        last = self.stopped
+        if not (
+            self._counts[_CALM]
+            and last.fault is faults.NO_FAULT
+            and self._sample.complaint == last.said
+        ):  # seldom
+            self._note_fault()
         self._write_row(wake_latency_ns)
         if self._measure_work:
             self._work_us = (time.perf_counter_ns() - started_ns) * 1e-3
@@ -289,8 +298,10 @@ class Slave:
         if self._valid and pairing.take(
             sample.position, sample.position_stamp_ns, sample.force, sample.force_stamp_ns
         ):
-            self._pipeline.skip(pairing.gap)
-            self._pipeline.update(pairing.position, pairing.force, valid=True)
+            position, force, gap = pairing.newest()
+            if gap > 0:
+                self._pipeline.skip(gap)
+            self._pipeline.update(position, force, valid=True)
 
     def _take_in(self, late_ns: int) -> None:
         """Write the sample, the zeros and the clock into the record of the tick."""
@@ -310,7 +321,7 @@ class Slave:
             sample.position_stamp_ns,
             sample.force_stamp_ns,
             *self._drive_values(sample),
-            self._pipeline.shift,
+            self._pipeline.shift if self._shifts else 0.0,
             self.reference.homed,
         )
 
@@ -329,10 +340,9 @@ class Slave:
 
         A link that could become slower while the axis follows would let old motion pass for news.
         """
-        clock = self._endpoint.clock
         if action == STOP_DRIVE:
-            clock.release()
-        elif self._counts[_LED] and not clock.fixed:
+            self._endpoint.clock.release()
+        else:
             self._endpoint.fix_clock()
 
     def _act(self, action: int) -> None:
@@ -357,8 +367,6 @@ class Slave:
     def _note_fault(self) -> None:
         """Note when a fault came, what a device adds to it, and that it was reset."""
         sample, last = self._sample, self.stopped
-        if self._counts[_CALM] and last.fault is faults.NO_FAULT and sample.complaint == last.said:
-            return
         fault, said = self.fault, sample.complaint
         if fault is faults.SAMPLES_LOST or self.safety.state == faults.HOLD:
             said = said or sample.stale

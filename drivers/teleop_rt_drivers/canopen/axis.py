@@ -73,8 +73,8 @@ class CanopenAxis:
         )
         # A kernel reads the machine's clock alone.
         self._sends = now_ns is time.monotonic_ns
-        self._door: CanDoor | None = getattr(bus, "door", None)
-        drive, door = self._drive, self._door
+        door: CanDoor | None = getattr(bus, "door", None)
+        drive = self._drive
         self._send_position = None if drive is None or door is None else drive.sender(door)
         guarded = any(node.guarding for node in config.nodes.values())
         self._guards = self._receiver.guards if guarded else None
@@ -178,11 +178,11 @@ class CanopenAxis:
 
         Where nothing acknowledges nothing is commanded: it would wait, and act when power returns.
         """
-        drive, door = self._drive, self._door
+        drive = self._drive
         if drive is None or self._receiver.fault is _NOT_ACKNOWLEDGED:
             return
         send, plain = self._send_position, drive.follows and math.isfinite(position)
-        if send is None or door is None or not (plain and door.is_open) or send(position) < 0:
+        if send is None or not plain or send(position) < 0:  # also where the door is closed
             self._send(drive.rpdo.cob_id, drive.command(position))
         else:  # nearly always
             self._send_failures = 0
