@@ -14,11 +14,22 @@ from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt_drivers.framed.stream import SerialStream, StreamGoneError
 from teleop_rt_drivers.opening import open_axis
 from teleop_rt_drivers.registry import own_run
+from teleop_rt_drivers.simulated import servo
 
 
 @pytest.fixture
-def rig(tmp_path):
-    return edited("serial", tmp_path, ("folder: /tmp/teleop-rt-ports", f"folder: {tmp_path}/ports"))
+def rig(tmp_path, monkeypatch):
+    """Nobody's silence counts: on a loaded machine either thread may stand for 60 ms or more."""
+    monkeypatch.setattr(servo, "WATCHDOG_NS", 10**15)
+    long = "timeout_ms: 30000"
+    return edited(
+        "serial",
+        tmp_path,
+        ("folder: /tmp/teleop-rt-ports", f"folder: {tmp_path}/ports"),
+        ("field: count", f"field: count\n    {long}"),
+        ("field: fz", f"{long}\n    field: fz"),
+        ("answer: drive", f"answer: drive\n    {long}"),
+    )
 
 
 def test_the_axis_configures_arms_and_stops_over_pseudo_terminals(rig, tmp_path):
