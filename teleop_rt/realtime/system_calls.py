@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import math
 import socket
 import termios
 import time
@@ -18,7 +19,7 @@ from teleop_rt.lean_numba import numba
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_C_TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64}
+_C_TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64, "float64": ctypes.c_double}
 
 
 def _of_c_library(name: str, result: str, *arguments: str) -> Callable[..., Any]:
@@ -52,6 +53,7 @@ _read = _of_c_library("read", "int64", "int32", "int64", "int64")
 _write = _of_c_library("write", "int64", "int32", "int64", "int64")
 _ioctl = _of_c_library("ioctl", "int32", "int32", "int64", "int64")
 _send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
+_to_number = _of_c_library("strtod", "float64", "int64", "int64")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
 _FLAGS, _SEND_FLAGS = socket.MSG_DONTWAIT, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
@@ -129,6 +131,17 @@ def monotonic_ns(times: NDArray[np.int64], place: int) -> int:
     """Return the time of CLOCK_MONOTONIC by way of two numbers (2,), which lie at this address."""
     _clock(_MONOTONIC, place)
     return int(times[0] * 1_000_000_000 + times[1])
+
+
+@kernel
+def number_in_text(place: int, ends: NDArray[np.int64], ends_place: int, length: int) -> float:
+    """Return the number that lies at an address, correctly rounded; not-a-number if it is shorter.
+
+    What follows it there is no part of a number. `ends`, at `ends_place`, is written; in a locale
+    with a decimal comma a number ends at its point.
+    """
+    value: float = _to_number(place, ends_place)
+    return value if ends[0] - place == length else math.nan
 
 
 @kernel
