@@ -168,6 +168,18 @@ def plain_message(can_id: int, data: bytes) -> can.Message:
     )
 
 
+def wide_message(can_id: int, data: bytes) -> can.Message:
+    """Return a frame of CAN FD, its data at the higher rate, as python-can's message."""
+    extended = bool(can_id & EXTENDED)
+    return can.Message(
+        arbitration_id=can_id & (EXTENDED_MASK if extended else STANDARD_MASK),
+        is_extended_id=extended,
+        is_fd=True,
+        bitrate_switch=True,
+        data=data,
+    )
+
+
 def one_by_one(bus: can.BusABC, most: int) -> list[Frame]:
     """Take the frames that wait by python-can's own call."""
     frames: list[Frame] = []

@@ -231,7 +231,7 @@ class _Noting(CanEnd):
         self._stamps = stamps
         self.came = []
 
-    def take(self, frame, now_ns):
+    def take(self, can_id, data, now_ns):
         self.came.append(now_ns)
 
 

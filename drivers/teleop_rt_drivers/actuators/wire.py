@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Protocol
 
-import can
-
 from teleop_rt.axis import AxisFault
 from teleop_rt_drivers.actuators.codec import Frame
+from teleop_rt_drivers.can_frames import EXTENDED, EXTENDED_MASK
 from teleop_rt_drivers.framed.can_port import CanEnd
 from teleop_rt_drivers.framed.stream import READ_BYTES, DescriptorStream, StreamGoneError
 
@@ -72,24 +71,16 @@ class CanWire(CanEnd):
         self.begin()
         self._heard = heard
 
-    def take(self, frame: can.Message, now_ns: int) -> None:
+    def take(self, can_id: int, data: bytes, now_ns: int) -> None:
         """Hand a data frame on."""
-        data, extended = bytes(frame.data), frame.is_extended_id
         self.arrived_ns = now_ns if self.empty_ns else 0
-        self._heard(Frame(frame.arbitration_id, data, extended, frame.is_fd), now_ns)
+        self._heard(Frame(can_id & EXTENDED_MASK, data, bool(can_id & EXTENDED)), now_ns)
 
     def order(self, frames: Frames, now_ns: int) -> bool:  # noqa: ARG002 - a bus arbitrates itself
         """Send the frames of an order; the bus is always free for them."""
         for frame in frames:
-            self.transmit(
-                can.Message(
-                    arbitration_id=frame.can_id,
-                    is_extended_id=frame.extended,
-                    is_fd=frame.fd,
-                    bitrate_switch=frame.fd,
-                    data=frame.data,
-                )
-            )
+            flags = EXTENDED if frame.extended else 0
+            self.transmit(frame.can_id | flags, frame.data, wide=frame.fd)
         return True
 
     def settle(self) -> None:

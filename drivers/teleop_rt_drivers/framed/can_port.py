@@ -11,14 +11,23 @@ import can
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault
 from teleop_rt_drivers.bus import descriptor_of, stamps_arrivals
-from teleop_rt_drivers.can_frames import monotonic_stamp
+from teleop_rt_drivers.can_frames import (
+    ERROR,
+    EXTENDED_MASK,
+    REMOTE,
+    UNREADABLE,
+    reader_of,
+    single_sender_of,
+    wide_message,
+)
 from teleop_rt_drivers.canopen.watch import error_frame_fault, purge, send_fault
-from teleop_rt_drivers.framed.dbc import EXTENDED, DbcMessage, load_dbc
+from teleop_rt_drivers.framed.dbc import DbcMessage, load_dbc
 from teleop_rt_drivers.framed.stream import arrived_between
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from teleop_rt_drivers.can_frames import Frame
     from teleop_rt_drivers.framed.config import RawCanPart
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.stream import Watched
@@ -40,7 +49,8 @@ class CanEnd:
         self._bus = bus
         self._counters = counters
         self._send_failures = 0
-        self._kept: list[tuple[can.Message, int]] = []
+        self._waiting_frames, self._send_frame = reader_of(bus), single_sender_of(bus)
+        self._kept: list[tuple[Frame, int]] = []
         self._stamps = stamps_arrivals(bus)
         self.descriptor = -1 if self._stamps else descriptor_of(bus)
         self.empty_ns = 0
@@ -55,54 +65,51 @@ class CanEnd:
         """Keep what has arrived with its time; what cannot be read is left for `drain`."""
         now_ns = time.monotonic_ns()
         arrived_ns, self.empty_ns = arrived_between(self.empty_ns, now_ns), now_ns
-        with contextlib.suppress(can.CanError, OSError, ValueError):
-            while len(self._kept) < MOST_FRAMES_PER_CYCLE and (frame := self._bus.recv(0)):
-                self._kept.append((frame, arrived_ns))
+        if (most := MOST_FRAMES_PER_CYCLE - len(self._kept)) > 0:
+            frames = self._waiting_frames(most)
+            self._kept += [(frame, arrived_ns) for frame in frames if frame[0] != UNREADABLE]
 
     def begin(self) -> None:
         """Reset: clear the fault."""
         self.fault = NO_AXIS_FAULT
         self._send_failures = 0
 
-    def take(self, frame: can.Message, now_ns: int) -> None:
-        """Take a data frame, with the time of its arrival."""
+    def take(self, can_id: int, data: bytes, now_ns: int) -> None:
+        """Take a data frame, its id with SocketCAN's flags, and the time of its arrival."""
         raise NotImplementedError
 
     def drain(self, now_ns: int) -> None:
         """Take all that has arrived, as of when it did; a flood is left for the next cycle."""
-        for kept, arrived_ns in self._kept:
-            self._sort(kept, arrived_ns)
-        self._kept.clear()
+        if self._kept:
+            for kept, arrived_ns in self._kept:
+                self._sort(kept, arrived_ns)
+            self._kept.clear()
         found_ns = arrived_between(self.empty_ns, now_ns)
-        for _ in range(MOST_FRAMES_PER_CYCLE):
-            try:
-                frame = self._bus.recv(0)
-            except (can.CanError, OSError, ValueError):
-                self._counters["unreadable"] += 1
-                continue
-            if frame is None:
-                if self.empty_ns:
-                    self.empty_ns = now_ns
-                return
-            self._sort(frame, self._arrival(frame, found_ns, now_ns))
-        self._counters["flood"] += 1
+        frames = self._waiting_frames(MOST_FRAMES_PER_CYCLE)
+        for frame in frames:
+            self._sort(frame, self._arrival(frame[2], found_ns, now_ns))
+        if len(frames) == MOST_FRAMES_PER_CYCLE:
+            self._counters["flood"] += 1
+        elif self.empty_ns:
+            self.empty_ns = now_ns
 
-    def _sort(self, frame: can.Message, arrived_ns: int) -> None:
+    def _sort(self, frame: Frame, arrived_ns: int) -> None:
         """Take a data frame; count every other, and find the fault that an error frame reports."""
-        if frame.is_error_frame:
+        can_id, data, _ = frame
+        if not (can_id < 0 or can_id & (ERROR | REMOTE)):  # nearly always
+            self.take(can_id, bytes(data), arrived_ns)
+        elif can_id == UNREADABLE:
+            self._counters["unreadable"] += 1
+        elif can_id & ERROR:
             self._counters["error_frame"] += 1
-            self.raise_fault(error_frame_fault(frame.arbitration_id, frame.data))
-        elif frame.is_remote_frame:
-            self._counters["remote_frame"] += 1
+            self.raise_fault(error_frame_fault(can_id & EXTENDED_MASK, data))
         else:
-            self.take(frame, arrived_ns)
+            self._counters["remote_frame"] += 1
 
-    def _arrival(self, frame: can.Message, found_ns: int, now_ns: int) -> int:
+    def _arrival(self, stamp_ns: int, found_ns: int, now_ns: int) -> int:
         """Return when a frame arrived by its own stamp, if that can be: clocks are set."""
-        if self._stamps and self.empty_ns:
-            stamp_ns = monotonic_stamp(frame)
-            if self.empty_ns - LATE_STAMP_NS <= stamp_ns <= now_ns:
-                return stamp_ns
+        if self._stamps and self.empty_ns and self.empty_ns - LATE_STAMP_NS <= stamp_ns <= now_ns:
+            return stamp_ns
         return found_ns
 
     def wait(self, timeout_s: float) -> None:
@@ -112,12 +119,18 @@ class CanEnd:
         except NotImplementedError:  # a bus without a descriptor
             time.sleep(timeout_s)
 
-    def transmit(self, frame: can.Message) -> None:
-        """Send a frame without waiting; one that is not taken is counted."""
+    def transmit(self, can_id: int, data: bytes, *, wide: bool = False) -> None:
+        """Send a frame without waiting, a `wide` one by CAN FD; one that is not taken is counted.
+
+        The id has SocketCAN's flags.
+        """
         if self.fault is AxisFault.NOT_ACKNOWLEDGED:
             return  # it would wait, and act when power returns
         try:
-            self._bus.send(frame, 0)
+            if wide:
+                self._bus.send(wide_message(can_id, data), 0)
+            else:
+                self._send_frame(can_id, data)
         except (can.CanError, OSError) as error:
             self._counters["send_failed"] += 1
             self._send_failures += 1
@@ -169,23 +182,16 @@ class CanPort(CanEnd):
         for message in self._by_key.values():
             message.reset()
 
-    def take(self, frame: can.Message, now_ns: int) -> None:
+    def take(self, can_id: int, data: bytes, now_ns: int) -> None:
         """Decode a frame; a command that is not ours is a second master's."""
-        key = frame.arbitration_id | (EXTENDED if frame.is_extended_id else 0)
-        if (message := self._by_key.get(key)) is not None:
-            message.receive(bytes(frame.data), now_ns)
+        if (message := self._by_key.get(can_id)) is not None:
+            message.receive(data, now_ns)
             return
         self._counters["unexpected_id"] += 1
-        if key in self._own:
+        if can_id in self._own:
             self.raise_fault(AxisFault.FOREIGN_MASTER)
 
     def send(self, command: str, values: Values) -> None:
         """Send a message of raw values without waiting; one that is not taken is counted."""
         message = self._packed[command]
-        self.transmit(
-            can.Message(
-                arbitration_id=message.key & ~EXTENDED,
-                is_extended_id=bool(message.key & EXTENDED),
-                data=message.pack(values),
-            )
-        )
+        self.transmit(message.key, message.pack(values))
