@@ -118,7 +118,7 @@ def read_row(
     """Read a row's wanted numbers into place `to`; return where they end, 0 for another row.
 
     `keys` are what comes before each value, one after the other, up to `ends` (n,); `wanted` (n,)
-    tells the column of each.
+    holds the column of each.
     """
     begin = 0
     for field in range(len(ends)):

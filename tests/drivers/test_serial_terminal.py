@@ -19,7 +19,7 @@ from teleop_rt_drivers.simulated import servo
 
 @pytest.fixture
 def rig(tmp_path, monkeypatch):
-    """Nobody's silence counts: on a loaded machine either thread may stand for 60 ms or more."""
+    """Nobody's silence counts: on a loaded machine either thread may rest 60 ms and more."""
     monkeypatch.setattr(servo, "WATCHDOG_NS", 10**15)
     long = "timeout_ms: 30000"
     return edited(
