@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from can.interfaces import VALID_INTERFACES
 
 from teleop_rt.axis import AxisError
 from teleop_rt.config_link import LinkConfig
@@ -11,6 +14,7 @@ from teleop_rt.link.keys import KeyFileError, load_keys
 from teleop_rt.slave.guard import met_within_cap, unknown_speed
 from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
 from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
+from teleop_rt_drivers.bus import ADAPTERS, FDCANUSB, SOCKETCAN, UNIX, BusConfig
 from teleop_rt_drivers.bus_load import (
     FULLEST_LINE,
     actuator_load,
@@ -30,6 +34,7 @@ from teleop_rt_drivers.opening import open_axis_on
 from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import parts_of
+from teleop_rt_drivers.replayed_bus import REPLAY
 from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot, check_stamps
 from teleop_rt_drivers.stall_check import check_stalls
 from teleop_rt_drivers.transport import DEFAULT_BIT_RATE
@@ -62,6 +67,7 @@ def check_rig(rig: RigConfig, force_cap: float | None = None) -> list[Finding]:
         return findings
     for name, part in parts_of(rig.axis).items():
         where = f"axis.parts.{name}" if name else "axis"
+        findings += _check_interface(part, where)
         findings += _check_loads(part, rig, where)
         findings += _check_limits(part, rig, where)
         findings += check_stalls(part, rig, where)
@@ -143,6 +149,17 @@ def _check_descriptions(rig: RigConfig) -> list[Finding]:
     except AxisError as error:
         return [Finding("error", str(error), "axis", "correct the file or the key that it names")]
     return [Finding("ok", "descriptions, mappings and units fit the config", "axis")]
+
+
+def _check_interface(part: AxisConfig, where: str) -> list[Finding]:
+    """Return an error for a bus on an interface that neither python-can nor this program has."""
+    bus = getattr(part, "bus", None)
+    known = {*VALID_INTERFACES, UNIX, FDCANUSB, REPLAY}
+    if not isinstance(bus, BusConfig) or bus.interface is None or bus.interface in known:
+        return []
+    usual = get_close_matches(bus.interface, known, 1) or [SOCKETCAN, *ADAPTERS, UNIX]
+    what = f"{bus.interface!r} is not a CAN interface of python-can or of this program"
+    return [Finding("error", what, f"{where}.bus.interface", f"take {', '.join(usual)}")]
 
 
 def _check_loads(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
