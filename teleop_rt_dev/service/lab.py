@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from teleop_rt.realtime.ring import RingReader
+from teleop_rt.service.client import PATIENCE_S, DaemonError, ask
 from teleop_rt.service.place import places
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave.faults import State
@@ -24,6 +25,8 @@ from teleop_rt_dev.paths import SILICONE
 
 READY = b"READY=1"
 USAGE = 2
+POLL_S = 0.02
+"""Between two questions: without it a wait takes a whole core, which the daemon then lacks."""
 
 
 def children(parent: int) -> list[int]:
@@ -122,9 +125,23 @@ class Lab:
 
     def settled(self) -> dict[str, Any]:
         """Return the status once a first sample has come, which is after the daemon is ready."""
-        while (status := self.status())["state"] in {"BOOT", "SELFTEST"}:
-            pass
+        while (status := self.polled())["state"] in {"BOOT", "SELFTEST"}:
+            time.sleep(POLL_S)
         return status
+
+    def polled(self) -> dict[str, Any]:
+        """Return the status as `teleop-rt status` does, without a process for each question."""
+        last_s = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                answer = ask(places(self.environment)[0], "status")
+                if answer["ok"]:
+                    found: dict[str, Any] = answer["status"]
+                    return found
+            except (IndexError, DaemonError):
+                if time.monotonic() > last_s:
+                    raise
+            time.sleep(POLL_S)
 
     def state(self) -> float:
         """Return the daemon's newest state; a daemon that has ended was armed before."""

@@ -18,22 +18,23 @@ from machine_witness import undisturbed
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.paths import SILICONE, TRIALS
-from teleop_rt_dev.service.lab import READY, Lab
+from teleop_rt_dev.service.lab import POLL_S, READY, Lab
 from teleop_rt_drivers.canopen.receiver import EMERGENCY
 from teleop_rt_drivers.unix_bus import UnixBus
 
 pytestmark = pytest.mark.realtime
 
 RIGS = TRIALS.parent / "rigs"
-WATCHED_HZ = 250
-"""Slow: beside it a browser takes its part of the machine."""
+RATE_HZ = 250
+"""Slow: beside a rig and its daemon others need the machine, a browser for one."""
+RATE = f"rig.rate_hz={RATE_HZ}"
 HELD_UP = {"late_ticks", "samples_lost"}
 STOPPED_OR_ARMED = r'aria-current="true">(ARMED|SAFE_STOP|FAULT)<'
 
 
 @pytest.fixture
 def lab(tmp_path):
-    with Lab(tmp_path) as one:
+    with Lab(tmp_path, RATE) as one:
         yield one
 
 
@@ -43,7 +44,9 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     status = lab.settled()
     assert (status["state"], status["pid"]) == ("DISARMED", daemon.pid)
     assert (Path(status["session"]) / "slave.ring").exists()
-    assert b"WATCHDOG=1" in lab.heard()
+    while b"WATCHDOG=1" not in lab.heard():
+        assert daemon.poll() is None
+        time.sleep(POLL_S)
     assert len(list(Path(f"/proc/{daemon.pid}/task").iterdir())) == 1
 
     code, _, errors = lab.call("slave", *lab.trial, "--out", lab.folder / "second")
@@ -82,12 +85,9 @@ def test_helpers_of_a_daemon_that_are_killed_are_started_again_while_its_loop_go
         os.kill(victim, signal.SIGKILL)
         while lab.helper(name) in {victim, None}:
             time.sleep(0.01)
-    while (code := lab.call("status", "--json"))[0]:
-        time.sleep(0.1)
-    while (status := json.loads(code[1]))["recorder"]["restarts"] == 0 or not (
-        lab.folder / "slave" / "recording.part0002.mcap"
-    ).exists():
-        code = lab.call("status", "--json")
+    second = lab.folder / "slave" / "recording.part0002.mcap"
+    while (status := lab.polled())["recorder"]["restarts"] == 0 or not second.exists():
+        time.sleep(POLL_S)
     assert status["pid"] == daemon.pid
     assert status["tick"] > ticks_before
     assert status["commands"] == {"restarts": 1, "last_end": "killed by signal 9"}
@@ -151,7 +151,7 @@ def test_a_reloaded_config_that_the_devices_refuse_leaves_the_one_before_running
     rig, trial = tmp_path / "rig.yaml", tmp_path / "trial.yaml"
     rig.write_text((RIGS / "simulated_canopen.yaml").read_text())
     trial.write_text(SILICONE.read_text().replace("../rigs/simulated_canopen.yaml", "rig.yaml"))
-    with Lab(tmp_path, trial=trial) as lab:
+    with Lab(tmp_path, RATE, trial=trial) as lab:
         daemon = lab.start("slave")
         lab.settled()
         good = rig.read_text()
@@ -165,8 +165,10 @@ def test_a_reloaded_config_that_the_devices_refuse_leaves_the_one_before_running
 
         rig.write_text(good)
         assert lab.call("reload")[0] == 0
-        while lab.settled()["alarms"]:  # answered whenever it is asked: before, between and after
+        assert lab.call("status")[0] == 0  # answered whenever it is asked: before, between, after
+        while lab.settled()["alarms"]:
             assert daemon.poll() is None
+            time.sleep(POLL_S)
 
 
 def test_output_that_nobody_reads_ends_quietly_with_the_exit_code_of_the_work(tmp_path):
@@ -184,13 +186,13 @@ def test_the_live_page_of_a_daemon_shows_its_state_its_force_and_a_fault_of_a_de
 
     def attempt(folder):
         folder.mkdir()
-        with Lab(folder, f"rig.rate_hz={WATCHED_HZ}") as lab:
+        with Lab(folder, RATE) as lab:
             lab.start("slave")
             with lab.page() as address, headless_chromium() as browser:
                 browser.get(address)
                 return watch_a_fault(lab, browser)
 
-    assert undisturbed(tmp_path, WATCHED_HZ, attempt) == "emergency"
+    assert undisturbed(tmp_path, RATE_HZ, attempt) == "emergency"
 
 
 def watch_a_fault(lab, browser) -> str | None:
