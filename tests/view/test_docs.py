@@ -2,6 +2,7 @@
 
 import json
 import re
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -151,15 +152,40 @@ def test_the_search_works_where_the_pages_are_opened_from_the_folder(chromium, s
     assert console_errors(chromium) == []
 
 
+_STILL = """
+const still = document.createElement('style');
+still.textContent = '* {transition: none !important; animation: none !important}';
+document.head.append(still);
+"""
+"""A drawer that is still moving is no width of a page."""
+
+
 def test_no_page_of_the_site_is_wider_than_its_window(chromium, site):
     too_wide = []
-    for width in WIDTHS:  # loaded at each: a drawer that is still moving is no width of a page
-        resize(chromium, width)
+    with without_search(chromium):
         for page in sorted(site.rglob("*.html")):
             chromium.get(page.as_uri())
-            if pixels := overflow(chromium):
-                too_wide.append(f"{page.name}: {pixels} px wider than {width} px")
+            chromium.execute_script(_STILL)
+            for width in WIDTHS:
+                resize(chromium, width)
+                assert chromium.execute_script("return window.innerWidth") == width
+                if pixels := overflow(chromium):
+                    too_wide.append(f"{page.name}: {pixels} px wider than {width} px")
     assert too_wide == []
+
+
+@contextmanager
+def without_search(browser):
+    """Let pages load without the index of the search, which each would read and build anew."""
+    browser.execute_cdp_cmd("Network.enable", {})
+    browser.execute_cdp_cmd(
+        "Network.setBlockedURLs", {"urls": ["*/search/search_index*", "*/workers/search*"]}
+    )
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd("Network.setBlockedURLs", {"urls": []})
+        browser.execute_cdp_cmd("Network.disable", {})
 
 
 def test_the_site_fetches_nothing_and_holds_what_the_code_and_the_readme_say(site):
