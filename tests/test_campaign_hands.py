@@ -18,12 +18,6 @@ from teleop_rt_dev.hands.oscillation import longest_oscillation, rows_of
 T = 1e-3
 
 
-@pytest.mark.parametrize("number", [2, 7])
-def test_a_drawn_hand_on_a_drawn_wall_holds(number):
-    found = campaign_hands.run(number, 3.0)
-    assert found["holds"], found
-
-
 @pytest.mark.parametrize(
     ("hz", "size", "decay", "force", "shakes"),
     [

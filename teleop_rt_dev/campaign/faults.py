@@ -1,6 +1,7 @@
 """Every row of the fault table, in every phase of a trial: detection, final state, peak force.
 
-    scripts/campaign faults [--seeds N] [--phases P...] [--rows TEXT...] [--processes] [--json]
+    scripts/campaign faults [--seeds N] [--phases P...] [--rows TEXT...] [--without TEXT...]
+                            [--processes] [--json]
     scripts/campaign faults --table FILE...
 
 On the simulated clock, where a tick is a millisecond and a bound is exact; then what is counted,
@@ -106,6 +107,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--phases", nargs="*", default=list(PHASES), choices=PHASES)
     parser.add_argument("--rows", nargs="*", help="only rows whose name holds one of these texts")
+    parser.add_argument("--without", nargs="*", default=[], help="but none whose name holds these")
     parser.add_argument("--packets", type=int, default=100_000, help="hostile packets")
     parser.add_argument("--configs", type=int, default=300, help="mutated configs")
     parser.add_argument(
@@ -121,7 +123,8 @@ def main(arguments: list[str]) -> int:
         return 0
 
     def wanted(name: str) -> bool:
-        return chosen.rows is None or any(text in name for text in chosen.rows)
+        named = chosen.rows is None or any(text in name for text in chosen.rows)
+        return named and not any(text in name for text in chosen.without)
 
     pieces = list(counted(chosen.seeds, chosen.packets, chosen.configs))
     pieces += [(row.name, partial(handle_row, row)) for row in HANDLE_ROWS]

@@ -1,8 +1,8 @@
 """Build the documentation into build/site, or make what it shows again.
 
-Without a name it builds, and options go to mkdocs. `pictures [FOLDER]`: by the commands of the
-tutorial; `gallery [RUNS]`: every page at two widths, light and dark; `notebook`: the example and
-its outputs.
+Without a name it builds, and options go to mkdocs. `pictures [FOLDER] [--still]`: by the commands
+of the tutorial, still without the live page; `gallery [RUNS]`: every page at two widths, light and
+dark; `notebook`: the example and its outputs.
 Pictures and gallery need chromium and chromium-driver.
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import re
@@ -27,8 +28,12 @@ PATIENCE_S = 120
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the tutorial, look, and keep what is seen; the folder may be given as an argument."""
-    pictures = Path(arguments[0]) if arguments else PICTURES
+    """Run the tutorial, look, and keep what is seen."""
+    parser = argparse.ArgumentParser(prog="teleop-rt-dev docs pictures", description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=PICTURES)
+    parser.add_argument("--still", action="store_true", help="no live page, which plays for 12 s")
+    chosen = parser.parse_args(arguments)
+    pictures = chosen.folder
     pictures.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as name, chromium() as browser:
         place = Path(name)
@@ -46,7 +51,8 @@ def main(arguments: Sequence[str]) -> int:
         look(browser, hidden / "report.html")
         keep(browser.get_screenshot_as_png(), pictures / "inadequate.png")
         keep((hidden / "diagnosis" / "residual.png").read_bytes(), pictures / "diagnosis.png")
-        live(browser, first, pictures / "live.png")
+        if not chosen.still:
+            live(browser, first, pictures / "live.png")
     return 0
 
 

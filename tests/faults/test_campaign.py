@@ -40,6 +40,14 @@ def test_a_row_that_cannot_be_played_does_not_hold_and_the_others_are_played(pla
     assert end == {"campaign": "faults", "rows": 2, "failed": 1}
 
 
+def test_rows_are_chosen_by_texts_and_left_out_by_others(monkeypatch, capsys):
+    monkeypatch.setattr(campaign_faults, "ROWS", (WITHOUT, HARMLESS))
+    monkeypatch.setattr(campaign_faults, "ACTUATOR_ROWS", ())
+    words = ["--seeds", "1", "--phases", "arming", "--rows", "one", "another"]
+    code = campaign_faults.main([*words, "--without", "end"])
+    assert (code, capsys.readouterr().out) == (0, "1 rows and phases, 0 of them do not hold\n")
+
+
 def test_a_counted_piece_that_raises_is_a_row_that_does_not_hold():
     def raising():
         raise OSError("no room")
