@@ -176,7 +176,7 @@ def test_no_page_of_the_site_is_wider_than_its_window(chromium, site):
 
 @contextmanager
 def without_search(browser):
-    """Let pages load without the index of the search, which each would read and build anew."""
+    """Let pages load without the index of the search, which each would read and build again."""
     browser.execute_cdp_cmd("Network.enable", {})
     browser.execute_cdp_cmd(
         "Network.setBlockedURLs", {"urls": ["*/search/search_index*", "*/workers/search*"]}
