@@ -30,13 +30,12 @@ F <= max(cap, F_found + k (v t_turn + v²/2a)).
 
 So a wall must be met slowly where its stiffness is not known. A drive of the acceleration a stands
 v t + v²/2a after the wall, t being the latency from there to its braking. On a wall that is known
-the command brakes in time for the depth of DEPTH_SHARE of the cap, which a model gives, or else the
-secant at the deepest point of the last contact. Beyond the space that was verified free, and on a
-surface that was only grazed, the tool is no faster than `unknown_speed`, from which it stands
-within that share on the rig's stiffest wall; it brakes for it on its way there. Deeper in a body
-than it was ever pressed, it is no faster than the same share allows beyond the present force: a
-stiffer layer may begin there. A body that comes nearer within space that was free meets a tool that
-may be faster.
+the command brakes in time for the depth of DEPTH_SHARE of the cap, which a model gives. Beyond the
+space that was verified free, and on a surface that was only grazed, the tool is no faster than
+`unknown_speed`, from which it stands within that share on the rig's stiffest wall; it brakes for it
+on its way there. Deeper in a body than it was ever pressed, it is no faster than the same share
+allows beyond the force that it had there: a stiffer layer may begin there, or have begun before. A
+body that comes nearer within space that was free meets a tool that may be faster.
 """
 
 from __future__ import annotations
@@ -53,6 +52,9 @@ DEPTH_SHARE = 0.9
 """The share of the force cap for which the model's depth is computed: no estimate is exact."""
 PROBING_SHARE = 0.25
 """The share of the force cap up to which an unknown material is pressed."""
+CREEP_SHARE = 0.05
+"""Of the cap, by which a body that was pressed to DEPTH_SHARE is tried deeper: damping may have
+been a part of it. It leaves as much again."""
 DRIVE_S = 0.002
 """By so much a drive is late: a position loop of 100 Hz follows a ramp 2 to 3 ms behind."""
 FADING_S = 0.1
@@ -100,7 +102,7 @@ def met_within_cap(rig: RigConfig, force_cap: float, speed: float) -> float:
 @kernel
 def forget_walls(t: Tick) -> None:
     """Forget every wall."""
-    t.wall_stiffness = t.wall_force = t.pressed = 0.0
+    t.wall_stiffness = t.wall_force = t.pressed = t.pressed_force = 0.0
     t.known_surface = t.hold_at = t.slope_from = math.nan
     t.nearer = math.inf
     t.met_contact = t.waiting_for = t.slope_place = 0
@@ -148,7 +150,8 @@ def remember_wall(t: Tick, position: float, depth: float, force: float) -> None:
 
     `nearer` is where it was pressed before its surface: it has come nearer, by more than is known.
     """
-    t.pressed = max(t.pressed, depth)
+    if depth > t.pressed:
+        t.pressed, t.pressed_force = depth, force
     if depth <= 0.0 and force > PROBING_SHARE * t.force_cap:
         t.nearer = min(t.nearer, position)
     elif position > t.nearer and force < t.slope_noticed:
@@ -169,13 +172,11 @@ def pace(t: Tick, deepest: float) -> float:
     nearest = t.verified_free
     if t.surface_known > 0 and nearest >= t.surface - t.tolerance:
         nearest = t.surface
-        if math.isfinite(deepest):
+        if math.isfinite(deepest) or t.wall_stiffness > 0.0:
             nearest += t.pressed
-            room = max(0.0, DEPTH_SHARE * t.force_cap - t.force) / t.stiffest
+            left = DEPTH_SHARE * t.force_cap - max(t.force, t.pressed_force)
+            room = max(left, CREEP_SHARE * t.force_cap) / t.stiffest
             slowest = stopping_speed(room, t.late_s, t.acceleration)
-        elif t.wall_stiffness > 0.0:
-            room = DEPTH_SHARE * t.force_cap / t.wall_stiffness
-            nearest += max(0.0, room - slowest * slowest / (2.0 * t.acceleration))
     if t.nearer < nearest:
         nearest, slowest = t.nearer, t.unknown_speed
     way, step = max(0.0, nearest - t.command), t.acceleration * t.period_s
@@ -191,7 +192,7 @@ def meet(t: Tick, contact_id: int, acknowledged: int, command: float, surface: f
     t.known_surface = surface
     t.wall_force, t.nearer = 0.0, math.inf
     if abs(surface - known) > t.tolerance:
-        t.wall_stiffness = t.pressed = 0.0
+        t.wall_stiffness = t.pressed = t.pressed_force = 0.0
     t.secant = max(t.secant, t.wall_stiffness)
     if acknowledged >= contact_id:
         return

@@ -121,6 +121,7 @@ class Tick:
     wall_stiffness: float
     wall_force: float
     pressed: float
+    pressed_force: float
     nearer: float
     slope: float
     slope_place: int

@@ -127,6 +127,25 @@ def test_a_stiffer_layer_where_the_tool_was_never_pressed_is_met_within_the_cap(
     assert 0.3 < led(tool, speed) < 1.0
 
 
+@pytest.mark.parametrize("speed", [0.3, 0.8, 1.4])
+@pytest.mark.parametrize("modelled", [True, False])
+def test_a_layer_that_was_pressed_before_is_met_again_within_the_cap(speed, modelled):
+    """6.8 mm of 500 N/m and of 40 kN/m, pressed to half of the cap; the hand comes back fast.
+
+    The secant, as the model of the upper layer, has the cap at 11 mm and more.
+    """
+    tool = Tool(500.0, 0.006, 40_000.0)
+    tool.knows(500.0 if modelled else None)
+    for i in range(1200):
+        tool.tick.acknowledged = tool.tick.contact_id
+        tool.lead(min(SURFACE + 0.0071, -0.04 + 0.1 * i * PERIOD_S), 0.1)
+    for i in range(400):
+        tool.lead(SURFACE + 0.0071 - 0.3 * min(i, 200) * PERIOD_S, -0.3)
+    tool.largest = tool.fastest = 0.0
+    assert 0.4 < led(tool, speed, start=SURFACE - 0.05, end=SURFACE + 0.02) < 1.0
+    assert tool.fastest > 0.8 * speed
+
+
 def test_as_deep_as_a_body_was_pressed_the_tool_is_as_fast_as_the_hand():
     tool = Tool(1000.0)
     tool.knows(1000.0)
