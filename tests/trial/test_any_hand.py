@@ -82,12 +82,17 @@ def test_a_loose_hand_on_any_wall_is_not_shaken(holding, environment, link, seco
     assert run.truth["handle"]["energy_min_J"] > -0.05
 
 
-@pytest.mark.parametrize(("round_trip_ms", "seconds"), [(0, 5), (2000, 14)])
+@pytest.mark.parametrize(("round_trip_ms", "seconds"), [(0, 5), (2000, 16)])
 def test_the_cube_is_felt_within_a_millisecond_and_half_a_percent_by_a_firm_hand(
     round_trip_ms, seconds, tmp_path
 ):
     """It was late by 4.6 ms and wrong by 1 %: of 20 N s/m only 3.2 were rendered."""
-    changes = [f"duration_s={seconds}", f"link.round_trip_ms={round_trip_ms}", "link.jitter_ms=0"]
+    changes = [
+        f"duration_s={seconds}",
+        f"link.round_trip_ms={round_trip_ms}",
+        "link.jitter_ms=0",
+        "link.loss=0",
+    ]
     trial = load_trial_file(TRIALS / "handle.yaml", changes)
     write_trial(tmp_path, trial)
     outcome = run_lockstep(trial, TRIALS / "handle.yaml", open_bench, tmp_path, lambda _: None)
