@@ -95,8 +95,8 @@ def explain(
 
 
 def _predict_alike(sets: Sequence[Scored], apart: Callable[[Scored, Scored], float] | None) -> bool:
-    """Return whether the sets agree in `NAMED_SHARE` of what the first one explains."""
-    most = (1.0 - NAMED_SHARE) * (sets[0].energies[0] - sets[0].energy)
+    """Return whether the sets differ by less than the smallest effect that is named beside them."""
+    most = LEAST_SHARE * (sets[0].energies[0] - sets[0].energy)
     return apart is not None and all(apart(sets[0], one) <= most for one in sets[1:])
 
 
