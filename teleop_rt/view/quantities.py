@@ -30,9 +30,14 @@ def stiffness_units(units: Units) -> dict[str, str]:
 def parameter_unit(model: str, name: str, position_unit: str, force_unit: str) -> str:
     """Return the unit of a model's parameter, or of an effect beside it, as print has it.
 
-    `-` for a pure number, `SI` for an effect that is not of the library.
+    `-` for a pure number, `SI` for an effect that is not of the library, or of which one law has
+    another unit than the next.
     """
-    declared = {effect.name: effect.amplitude.unit for effect in LIBRARY}
-    declared |= {one.name: one.unit for one in MODELS[model].parameters}
-    unit = declared.get(name, "SI").replace("{x}", position_unit).replace("{f}", force_unit)
+    units = {effect.amplitude.unit for effect in LIBRARY if effect.name == name}
+    units = {one.unit for one in MODELS[model].parameters if one.name == name} or units
+    unit = (
+        (units.pop() if len(units) == 1 else "SI")
+        .replace("{x}", position_unit)
+        .replace("{f}", force_unit)
+    )
     return "-" if unit == "1" else printed(unit)

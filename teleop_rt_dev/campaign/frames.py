@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import can
 import numpy as np
 
 from teleop_rt.axis import AxisFault, Sample
@@ -27,6 +26,7 @@ from teleop_rt_dev.paths import CONFIG
 from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.actuators.codec import Frame, Report, Taken
+from teleop_rt_drivers.can_frames import EXTENDED, LONGEST
 from teleop_rt_drivers.quantity import plausible_position
 
 ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")
@@ -78,7 +78,7 @@ class Victim:
 
         def note(*given: Any) -> Any:
             if on_can:
-                self.answers.append(given[0])
+                self.answers.append(given[:2])
                 return handed(*given)
             data = handed()
             if data:
@@ -112,27 +112,25 @@ class Victim:
         return inside and abs(signal.value - before) <= reach + 1e-12
 
 
-def mutated(frame: can.Message, rng: random.Random) -> can.Message:
-    """Return the frame with one to four damages of data and id."""
-    data, can_id = bytearray(frame.data), frame.arbitration_id
+def mutated(can_id: int, data: bytes, rng: random.Random) -> tuple[int, bytes]:
+    """Return id and data of a frame with one to four damages."""
+    bits = EXTENDED_BITS if can_id & EXTENDED else STANDARD_BITS
+    found, wide = bytearray(data), len(data) > LONGEST
     for _ in range(rng.randint(1, 4)):
         kind = rng.random()
         if kind < 0.15:
-            can_id ^= 1 << rng.randrange(EXTENDED_BITS if frame.is_extended_id else STANDARD_BITS)
+            can_id ^= 1 << rng.randrange(bits)
         elif kind < 0.3:
-            del data[rng.randrange(len(data) + 1) :]
-        elif kind < 0.4 and data:
-            data[rng.randrange(len(data))] = rng.choice((0, 0xFF, 0x7F, 0x80))
-        elif kind < 0.5 and len(data) > 1:
-            at = rng.randrange(len(data) - 1)
-            data[at : at + 2] = data[at : at + 2][::-1]
-        elif data:
-            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-    size = max(n for n in FD_SIZES if n <= len(data))
-    return can.Message(
-        arbitration_id=can_id, is_extended_id=frame.is_extended_id, is_fd=frame.is_fd,
-        data=bytes(data[: size if frame.is_fd else 8]),
-    )  # fmt: skip
+            del found[rng.randrange(len(found) + 1) :]
+        elif kind < 0.4 and found:
+            found[rng.randrange(len(found))] = rng.choice((0, 0xFF, 0x7F, 0x80))
+        elif kind < 0.5 and len(found) > 1:
+            at = rng.randrange(len(found) - 1)
+            found[at : at + 2] = found[at : at + 2][::-1]
+        elif found:
+            found[rng.randrange(len(found))] ^= 1 << rng.randrange(8)
+    size = max(n for n in FD_SIZES if n <= len(found))
+    return can_id, bytes(found[: size if wide else LONGEST])
 
 
 def on_can(drive: str, count: int, seed: int) -> Count:
@@ -142,11 +140,11 @@ def on_can(drive: str, count: int, seed: int) -> Count:
     answers, signal, wire = victim.answers, victim.signal, victim.wire
     while found.frames < count:
         whole = answers[found.frames % len(answers)]
-        for frame in (mutated(whole, rng), whole):
+        for can_id, data in (mutated(whole[0], whole[1], rng), whole):
             victim.now_ns += PERIOD_NS // 2
             victim.port._asked_ns = victim.now_ns
             before, before_ns = signal.value, signal.stamp_ns
-            wire.take(frame, victim.now_ns)
+            wire.take(can_id, data, victim.now_ns)
             if victim.settle():
                 found.values += 1
                 found.impossible += not victim.stands(before, before_ns)

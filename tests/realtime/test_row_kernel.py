@@ -55,7 +55,7 @@ def columns_of(rows: list[bytes], wanted: list[str] | None, *, kernel: bool) -> 
     found = TopicColumns(wanted, None, columns_module._MANY + 1 if kernel else 0, ROOM)
     for begin in range(0, len(rows), 7):
         found.take(*laid_out(rows[begin : begin + 7]))
-    assert (found._reader is not None) == kernel
+    assert (found._reader is not None) == kernel  # which way was taken shows nowhere else
     return {name: values.tobytes() for name, values in found.whole().items()}
 
 

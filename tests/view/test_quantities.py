@@ -22,7 +22,11 @@ def test_a_parameter_is_shown_with_the_unit_of_the_rig(model, name, units, shown
 
 
 def test_an_effect_beside_a_model_has_its_own_unit():
-    assert parameter_unit("kelvin-voigt", "second_layer", "m", "N") == "N/m"
+    assert parameter_unit("kelvin-voigt", "return_spring", "m", "N") == "N/m"
+
+
+def test_an_effect_whose_laws_have_several_units_shows_none_of_them():
+    assert parameter_unit("kelvin-voigt", "second_layer", "m", "N") == "SI"
 
 
 def test_a_position_is_shown_in_thousandths_and_one_that_is_unknown_as_a_dash():
