@@ -10,11 +10,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LONGEST_WAIT_S = 120.0
-"""Time [s] after which a process compiles by itself: a process that was stopped keeps its lock.
+"""Time [s] after which a process compiles by itself, this kernel and all that are locked later.
 
-The largest kernel takes 20 s on a desktop, and some four times that on a small board.
+A process that was stopped keeps its lock. The largest kernel takes 20 s on a desktop, and some four
+times that on a small board.
 """
 _POLL_S = 0.02  # against seconds of compiling
+_given_up = False  # whether this process has waited in vain
 
 
 @contextmanager
@@ -36,12 +38,14 @@ def only_process(file: Path) -> Iterator[None]:
 
 
 def _wait_for(descriptor: int) -> None:
-    until = time.monotonic() + LONGEST_WAIT_S
+    global _given_up  # noqa: PLW0603 - of the process, as its locks are
+    until = time.monotonic() + (0.0 if _given_up else LONGEST_WAIT_S)
     while True:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if time.monotonic() >= until:
+                _given_up = True
                 return
             time.sleep(_POLL_S)
         except OSError:

@@ -273,8 +273,12 @@ def test_a_process_that_was_stopped_while_compiling_holds_up_no_other_for_long(
     lock_held, monkeypatch
 ):
     file, _ = lock_held
+    monkeypatch.setattr(compile_lock, "_given_up", False)  # and as it was, afterwards
     monkeypatch.setattr(compile_lock, "LONGEST_WAIT_S", 0.0)
     assert hits(file) == 0
+    monkeypatch.setattr(compile_lock, "LONGEST_WAIT_S", 1e9)
+    monkeypatch.setattr(compile_lock.time, "sleep", lambda _: pytest.fail("waited again"))
+    assert hits(file) == 1
 
 
 def test_equal_files_of_a_user_in_two_folders_never_share_code(kernel_in):
