@@ -36,15 +36,3 @@ def test_a_neck_that_is_stretched_and_breaks_is_adhesion_and_nothing_else(shape:
     answer = pulled(shape)
     assert answer["class"] == [["adhesion"]]
     assert answer["error"]["after_over_floor"] < 1.2
-
-
-def test_the_pull_of_a_thin_film_that_never_breaks_is_adhesion() -> None:
-    """A capillary falls with the square of its length (1 + s/h)^-2, fastest at the start."""
-    t = np.arange(0.0, 10.0, DT)
-    x = 3e-3 * np.sin(2 * np.pi * 0.6 * t - 1.0) + 6e-4 * np.sin(2 * np.pi * 2.3 * t)
-    force = np.where(x > 0.0, 1500.0 * x + 10.0 * np.gradient(x, DT), 0.0)
-    touched = np.maximum.accumulate(x > 0.0)
-    force -= np.where(touched & (x < 0.0), 0.6 / (1.0 - x / 2e-4) ** 2, 0.0)
-    force += NOISE_N * np.random.default_rng(5).standard_normal(t.size)
-    answer = diagnose(from_arrays("film", t, x, force), surface=0.0).answer
-    assert answer["class"] == [["adhesion"]]

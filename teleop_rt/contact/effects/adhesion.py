@@ -1,4 +1,4 @@
-"""Adhesion: the surface pulls the tool back; six laws of one effect of the material."""
+"""Adhesion: the surface pulls the tool back; five laws of one effect of the material."""
 
 from __future__ import annotations
 
@@ -40,21 +40,6 @@ def _neck(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta:
     stretch, widest = min(-x / eta[0], 1.0), rise / (rise + fall)
     most = widest**rise * (1.0 - widest) ** fall
     return float(-state[0] * stretch**rise * (1.0 - stretch) ** fall / most)
-
-
-@kernel
-def _capillary(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Pull the tool back after a contact by a film that thins as it lengthens.
-
-    Of Laplace's pressure between a ball and a plane (Israelachvili, Intermolecular and Surface
-    Forces): the force falls with the square of the length, and the film is not seen to break.
-    """
-    if touches(x):
-        state[0] = 1.0
-        return 0.0
-    return float(-state[0] / (1.0 - x / eta[0]) ** 2)
 
 
 @kernel
@@ -121,7 +106,7 @@ def _law(law: str, step: StepFunction, where: str, *shapes: Shape) -> Effect:
     )
 
 
-_SHARP = Shape("power", "1", 0.2, 3.0, 1.0, logarithmic=True, points=2)
+_SHARP = Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)
 _NECK = Shape("power", "1", 0.7, 5.0, 1.0, logarithmic=True, points=2)
 _ROUND = Shape("power", "1", 0.7, 3.0, 1.5, logarithmic=True, points=1)
 _RISE = Shape("rise", "1", 0.3, 2.0, 1.0, logarithmic=True, points=1)
@@ -130,7 +115,6 @@ EFFECTS = (
     _law("bridge", _bridge, "within {range} after a contact.", _SHARP),
     _law("neck", _neck, "where a neck is stretched, up to {range}, after a contact.", _RISE, _FALL),
     _law("in contact and after", _attraction, "in contact and within {range} after it.", _NECK),
-    _law("capillary", _capillary, "that falls to a quarter within {range} after a contact."),
     _law("near the surface", _bond, "within {range} on both of its sides.", _ROUND),
     _law("on withdrawal", _sticking_withdrawal, "within {range} on withdrawal."),
 )
