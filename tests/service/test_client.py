@@ -15,19 +15,7 @@ from teleop_rt.service.place import (
     refuse_commands,
 )
 
-
-@pytest.fixture(autouse=True)
-def run_dir(tmp_path, monkeypatch):
-    folder = tmp_path / "run"
-    monkeypatch.setenv("TELEOP_RT_RUN_DIR", str(folder))
-    return folder
-
-
-@pytest.fixture
-def session(tmp_path):
-    folder = tmp_path / "teleop-rt-1-abc"
-    folder.mkdir()
-    return folder
+pytestmark = pytest.mark.usefixtures("run_dir")
 
 
 def test_a_run_is_reported_at_once_as_taking_no_commands_and_never_taken_for_the_daemon(

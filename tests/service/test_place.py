@@ -21,24 +21,12 @@ from teleop_rt.service.place import (
     run_folder,
 )
 
-
-@pytest.fixture(autouse=True)
-def run_dir(tmp_path, monkeypatch):
-    folder = tmp_path / "run"
-    monkeypatch.setenv("TELEOP_RT_RUN_DIR", str(folder))
-    return folder
+pytestmark = pytest.mark.usefixtures("run_dir")
 
 
 @pytest.fixture
 def own_session(tmp_path):
     folder = tmp_path / f"teleop-rt-{os.getpid()}-ab"
-    folder.mkdir()
-    return folder
-
-
-@pytest.fixture
-def session(tmp_path):
-    folder = tmp_path / "teleop-rt-1-abc"
     folder.mkdir()
     return folder
 
