@@ -9,7 +9,8 @@ from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.diagnosis.answers.experiment import Reach
-from teleop_rt.diagnosis.diagnose import _unweighted, diagnose
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.confirmed import unweighted
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
@@ -154,7 +155,7 @@ def test_probabilities_compare_fits_by_the_same_weights() -> None:
     recording = recorded(toned("force_bias"))
     found = diagnose(recording, "kelvin-voigt", surface=0.0)
     assert len(found.judgement.sets) > 1
-    plain = _unweighted(found, input_errors(found.problem.motion, recording))
+    plain = unweighted(found, input_errors(found.problem.motion, recording))
     assert plain.judgement.sets[0].fit.bic != found.judgement.sets[0].fit.bic
     assert plain.judgement.probability == likelihoods(found.judgement)
 

@@ -65,7 +65,9 @@ def _cylinder(seed: int) -> Recording:
 def found() -> Diagnosis:
     """Return what is found where what is left is taken to be more than slow noise."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("teleop_rt.diagnosis.diagnose.needs_unknown_remainder", lambda *_: True)
+        patch.setattr(
+            "teleop_rt.diagnosis.inference.confirmed.needs_unknown_remainder", lambda *_: True
+        )
         return diagnose(_cylinder(1), "spring,viscous,bias")
 
 

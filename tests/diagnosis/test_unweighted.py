@@ -80,6 +80,6 @@ def test_a_name_taken_back_is_judged_beside_something_unknown(
     found = diagnose(recording, surface=0.0)
     assert found.answer["class"]
     assert not found.judgement.probability  # no set was sought beside something unknown
-    monkeypatch.setattr("teleop_rt.diagnosis.diagnose.confirmed_unweighted", taken_back)
+    monkeypatch.setattr("teleop_rt.diagnosis.inference.confirmed.confirmed_unweighted", taken_back)
     found = diagnose(recording, surface=0.0)
     assert found.judgement.probability or found.answer["verdict"] == "unexplained"

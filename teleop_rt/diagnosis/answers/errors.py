@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,16 +28,40 @@ class HeldOut:
     noise: float
 
 
-def on_blocks(plain: Problem, problem: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
-    """Return the prediction of each block by fits without that block.
+@dataclass(frozen=True)
+class Blocks:
+    """Held-out blocks of the recording itself: each is predicted by a fit without it.
 
-    `plain` has the weights for the base alone, `problem` those for the best model; `noise` is the
-    deviation that a perfect model would leave.
+    `plain` has the weights for the `base` alone, `problem` those for the best model.
     """
-    where = held_out.counted(problem, base)
-    before = held_out.cross_predict(plain, base)
-    after = held_out.cross_predict(problem, best)
-    return HeldOut("held-out blocks", problem.force, before, after, where, noise)
+
+    plain: Problem
+    problem: Problem
+    base: Fit
+
+    @cached_property
+    def before(self) -> Vector:
+        """The force that the base alone predicts."""
+        return held_out.cross_predict(self.plain, self.base)
+
+    @cached_property
+    def _known(self) -> list[tuple[Fit, Vector]]:
+        return []
+
+    def _after(self, fit: Fit) -> Vector:
+        for known, force in self._known:
+            if known is fit:
+                return force
+        force = self.before if fit is self.base else held_out.cross_predict(self.problem, fit)
+        self._known.append((fit, force))
+        return force
+
+    def predicted(self, best: Fit, noise: float) -> HeldOut:
+        """Return the prediction; `noise` is the deviation that a perfect model would leave."""
+        where = held_out.counted(self.problem, self.base)
+        return HeldOut(
+            "held-out blocks", self.problem.force, self.before, self._after(best), where, noise
+        )
 
 
 def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
@@ -44,6 +69,18 @@ def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
     predicted = [held_out.predict(fresh, fit.elsewhere) for fit in (base, best)]
     where = held_out.counted(fresh, base)
     return HeldOut("held-out record", fresh.force, predicted[0], predicted[1], where, noise)
+
+
+def explained(unseen: HeldOut) -> float:
+    """Return the share [at most 1] of the base's energy above the noise that is explained there."""
+    where = unseen.where > 0.0
+    if not np.any(where):
+        return 1.0
+    before, after = (
+        float(np.mean((unseen.force - predicted)[where] ** 2)) - unseen.noise**2
+        for predicted in (unseen.before, unseen.after)
+    )
+    return 1.0 - max(after, 0.0) / before if before > 0.0 else 1.0
 
 
 def defined(error: held_out.Error) -> held_out.Error:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of, on_blocks, on_record
+from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, errors_of, on_record
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.verdict import explains, family_of
 from teleop_rt.diagnosis.models import held_out
@@ -110,7 +110,7 @@ def nearest(
         return None
     best, problem = found.candidates[0], found.problem
     if test is None:
-        unseen = on_blocks(problem, problem, found.base, best.fit, 0.0)
+        unseen = Blocks(problem, problem, found.base).predicted(best.fit, 0.0)
     else:
         problem = pose_again(test, best.fit.model.base, surface, problem)
         unseen = on_record(problem, found.base, best.fit, 0.0)

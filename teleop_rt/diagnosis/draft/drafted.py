@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.answers.answer import (
     effect_entry,
     parameters_of_effect,
 )
-from teleop_rt.diagnosis.answers.errors import errors_of, on_blocks
+from teleop_rt.diagnosis.answers.errors import Blocks, errors_of
 from teleop_rt.diagnosis.answers.residuals import Unseen, predict_recording
 from teleop_rt.diagnosis.draft.choice import Law, law_of
 from teleop_rt.diagnosis.draft.declaration import FILE, NAME, text_of
@@ -76,7 +76,7 @@ class Drafted:
         problem, base = self.found.problem, self.found.base
         where = held_out.counted(problem, base)
         noise = noise_floor(problem, self.fit, self.found.input_errors, where)
-        unseen = on_blocks(problem, problem, base, self.fit, noise)
+        unseen = Blocks(problem, problem, base).predicted(self.fit, noise)
         return errors_of(unseen, problem.motion.dt)
 
     def entry(self, test: Recording | None, surface: float | None = None) -> dict[str, Any]:

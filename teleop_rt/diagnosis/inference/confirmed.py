@@ -1,0 +1,181 @@
+"""The judgement of a recording, confirmed by an unweighted fit and by held-out blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis.answers.errors import Blocks, explained
+from teleop_rt.diagnosis.criteria import CONFIRMED_SHARE, REDRAWN_NOISE_RATIO, SECOND_SHARE
+from teleop_rt.diagnosis.inference.discrepancy import (
+    judge_with_unknown_remainder,
+    needs_unknown_remainder,
+)
+from teleop_rt.diagnosis.inference.explanation import likelihoods
+from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, in_rounds
+from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
+from teleop_rt.diagnosis.inference.verdict import Ranked, Verdict, leaves_structure
+from teleop_rt.diagnosis.models import held_out
+from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.noise.encoder import input_floor
+from teleop_rt.diagnosis.noise.noise_floor import known_noise, largest_noise, noise_floor
+from teleop_rt.diagnosis.phases import enter
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.diagnosis.samples.onset import Surface
+from teleop_rt.diagnosis.samples.preparation import pose
+from teleop_rt.diagnosis.samples.rows import Stretch
+from teleop_rt.diagnosis.samples.surface import surface_behind_weight
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The judgement `found`, and what it was made from.
+
+    `weighed` has the weights that follow the noise, `plain` equal weights on all frequencies;
+    `lost` are the dropouts of the force sensor, `blocks` the held-out blocks.
+    """
+
+    weighed: Diagnosis
+    plain: Diagnosis
+    found: Diagnosis
+    lost: list[Stretch]
+    blocks: Blocks
+
+    @property
+    def inconclusive(self) -> bool:
+        """Whether no complete set is named."""
+        return self.found.judgement.verdict in INCONCLUSIVE
+
+
+def judged(
+    recording: Recording, base: Base, surface: float | None, effects: tuple[Effect, ...]
+) -> Judged:
+    """Return the confirmed judgement; a surface behind a weight is searched if need be."""
+    first = _judged(recording, base, surface, effects)
+    known = surface is not None or recording.surface is not None or not base.touches
+    if known or not first.inconclusive or (hidden := surface_behind_weight(recording)) is None:
+        return first
+    other = _judged(recording, base, hidden, effects)
+    return first if other.inconclusive else other
+
+
+def _judged(
+    recording: Recording, base: Base, surface: float | Surface | None, effects: tuple[Effect, ...]
+) -> Judged:
+    weighed, errors, lost = in_rounds(partial(pose, recording, base, surface), recording, effects)
+    if weighed.judgement.verdict == "no_missing_effect":
+        return _confirmed_on_blocks(weighed, weighed, weighed, lost)
+    enter("confirming by an unweighted fit")
+    found, plain = _confirmed(weighed, errors)
+    if found is not None:
+        made = _confirmed_on_blocks(weighed, plain, found, lost)
+        if made.found.judgement.sets:
+            return made
+    found = judge_with_unknown_remainder(plain, recording, effects, errors)
+    return _confirmed_on_blocks(weighed, found, found, lost)
+
+
+def _confirmed_on_blocks(
+    weighed: Diagnosis, plain: Diagnosis, found: Diagnosis, lost: list[Stretch]
+) -> Judged:
+    """Return the judgement without sets that held-out blocks contradict.
+
+    A set that leaves structure, and more than the form error of any law, fits the samples that it
+    has seen; only unseen ones show whether it describes the body.
+    """
+    blocks, noise = Blocks(plain.problem, found.problem, plain.base), noise_of(weighed)
+    judgement = found.judgement
+    base = root_mean_square(plain, plain.base)
+
+    def explains(ranked: Ranked) -> bool:
+        exact = root_mean_square(found, ranked.fit) ** 2 <= SECOND_SHARE * base**2
+        if exact or not leaves_structure(ranked.left, judgement.floor):
+            return True
+        return explained(blocks.predicted(ranked.fit, noise)) >= CONFIRMED_SHARE
+
+    if judgement.sets and not explains(judgement.sets[0]):
+        sets = tuple(filter(explains, judgement.sets[1:]))
+        complete: Verdict = "named" if len(sets) == 1 else "class"
+        verdict = judgement.verdict if judgement.verdict == "partial" else complete
+        judgement = replace(judgement, verdict=verdict if sets else "unexplained", sets=sets)
+    return Judged(weighed, plain, replace(found, judgement=judgement), lost, blocks)
+
+
+def _confirmed(
+    weighed: Diagnosis, errors: list[RecordedMotion]
+) -> tuple[Diagnosis | None, Diagnosis]:
+    """Return the diagnosis that an unweighted fit confirms, if any, and the unweighted one.
+
+    A named set is kept if its residual is noise, or small against that of the base.
+    """
+    plain = unweighted(weighed, errors)
+    if not weighed.judgement.sets or weighed.judgement.verdict == "partial":
+        return None, plain
+    noise, in_air = noise_of(weighed), noise_of(weighed, (weighed.base, weighed.best))
+    judgement = confirmed_unweighted(weighed.judgement, plain.problem, plain.base, noise, in_air)
+    if judgement is not weighed.judgement:
+        weighed = replace(weighed, judgement=judgement)
+        plain = unweighted(weighed, errors)
+    where = held_out.counted(weighed.problem, weighed.best)
+    most = largest_noise(weighed.problem, weighed.best, weighed.input_errors, where)
+    known = known_noise(weighed.problem, weighed.best, weighed.input_errors, where)
+    left = root_mean_square(plain, plain.best)
+    if judgement.verdict == "partial" or needs_unknown_remainder(plain, left, known, most):
+        return None, plain
+    return (plain if _predicts_worse(weighed, plain) else weighed), plain
+
+
+def unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
+    """Return the diagnosis with equal weight on all frequencies of the force.
+
+    A model that leaves structure is fitted with these weights: weights that follow the noise would
+    ignore the force at frequencies where the model's error is largest.
+    """
+    problem = found.problem
+    deviation = max(root_mean_square(found, found.best), 1e-9 * problem.motion.scales["force"])
+    problem = replace(problem, whitener=problem.whitener.evenly(deviation))
+    base = problem.refine(found.base.model, found.base.zeta)
+    judgement = found.judgement
+    if judgement.sets:
+        best = judgement.sets[0]
+        fit = problem.refine(best.fit.model, best.fit.zeta)
+        # Of the fits before: compared fits must share their weights.
+        chances = judgement.probability or likelihoods(judgement)
+        sets = (replace(best, fit=fit), *judgement.sets[1:])
+        judgement = replace(judgement, sets=sets, probability=chances)
+    floor_rows = input_floor(problem, base, errors)
+    return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
+
+
+def root_mean_square(found: Diagnosis, fit: Fit) -> float:
+    """Return the root mean square of a fit's residual [rig's force]."""
+    where = held_out.counted(found.problem, found.base) > 0.0
+    rest = (found.problem.force - held_out.predict(found.problem, fit))[where]
+    return float(np.sqrt(np.mean(rest**2)))
+
+
+def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
+    """Return whether weights that follow the noise give a worse model than equal weights.
+
+    They do if structure is left, or if their residual is clearly larger: they then treated a slow
+    force as noise.
+    """
+    if leaves_structure(weighed.judgement.sets[0].left, weighed.judgement.floor):
+        return True
+    before, after = (root_mean_square(one, one.best) for one in (weighed, plain))
+    return before > REDRAWN_NOISE_RATIO * after
+
+
+def noise_of(weighed: Diagnosis, in_air: tuple[Fit, ...] = ()) -> float:
+    """Return the standard deviation of what noise alone leaves of the recording's force.
+
+    For fits `in_air` see `noise_floor`.
+    """
+    problem, best = weighed.problem, weighed.best
+    where = held_out.counted(problem, weighed.base)
+    return noise_floor(problem, best, weighed.input_errors, where, in_air)
