@@ -11,7 +11,7 @@ from can.interfaces import VALID_INTERFACES
 from teleop_rt.axis import AxisError
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.link.keys import KeyFileError, load_keys
-from teleop_rt.slave.guard import met_within_cap, unknown_speed
+from teleop_rt.slave.pace import met_within_cap, unknown_speed
 from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
 from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
 from teleop_rt_drivers.bus import ADAPTERS, FDCANUSB, SOCKETCAN, UNIX, BusConfig

@@ -27,36 +27,18 @@ secant is known then, and a slope may be the body's own motion, so the rig's sti
 expected. No guard can prevent the force of a wall that becomes stiffer around the tool, or the
 depth added until a sample shows it and the drive, commanded to go in at v, has reversed:
 F <= max(cap, F_found + k (v t_turn + v²/2a)).
-
-So a wall must be met slowly where its stiffness is not known. A drive of the acceleration a stands
-v t + v²/2a after the wall, t being the latency from there to its braking. On a wall that is known
-the command brakes in time for the depth of DEPTH_SHARE of the cap, which a model gives. Beyond the
-space that was verified free, and on a surface that was only grazed, the tool is no faster than
-`unknown_speed`, from which it stands within that share on the rig's stiffest wall; it brakes for it
-on its way there. Deeper in a body than it was ever pressed, it is no faster than the same share
-allows beyond the force that it had there: a stiffer layer may begin there, or have begun before. A
-body that comes nearer within space that was free meets a tool that may be faster.
 """
 
 from __future__ import annotations
 
 import math
 
-from teleop_rt.config_rig import RigConfig
 from teleop_rt.jit import kernel
+from teleop_rt.slave.pace import DEPTH_SHARE, PROBING_SHARE, stopping_speed
 from teleop_rt.slave.record import Tick, TickRecord
 
 UNEXPECTED_SHARE = 0.02
 """A contact further than this share of the axis range before the known surface is unexpected."""
-DEPTH_SHARE = 0.9
-"""The share of the force cap for which the model's depth is computed: no estimate is exact."""
-PROBING_SHARE = 0.25
-"""The share of the force cap up to which an unknown material is pressed."""
-CREEP_SHARE = 0.05
-"""Of the cap, by which a body that was pressed to DEPTH_SHARE is tried deeper: damping may have
-been a part of it. It leaves as much again."""
-DRIVE_S = 0.002
-"""By so much a drive is late: a position loop of 100 Hz follows a ramp 2 to 3 ms behind."""
 FADING_S = 0.1
 """Time constant with which the memory of a stiffer secant fades."""
 SLOPE_SHARE = 5e-4
@@ -67,36 +49,6 @@ TURN_S = 0.005
 """From a force to the tool's turning: a sample, a cycle each way, and a drive's lag."""
 RISE_SHARE = 0.02
 """Of the cap: a force that rises by less within TURN_S may be noise, which would add up."""
-
-
-@kernel
-def stopping_speed(way: float, late_s: float, acceleration: float) -> float:
-    """Return the speed v from which a tool stands within `way`: v late + v²/2a."""
-    return 2.0 * way / (late_s + math.sqrt(late_s * late_s + 2.0 * way / acceleration))
-
-
-def latency_s(rig: RigConfig) -> float:
-    """Return the time from a force at the tool to where the drive brakes on its account."""
-    sensors, period_s = rig.sensors, rig.period_ns * 1e-9
-    slowest_hz = rig.axis.sample_rate_hz or rig.rate_hz
-    force_s = 1e-3 * (max(0.0, sensors.force_lag_ms) + sensors.force_settling_ms)
-    return force_s + max(period_s, 1.0 / slowest_hz) + period_s + DRIVE_S
-
-
-def unknown_speed(rig: RigConfig, force_cap: float, stiffness: float) -> float:
-    """Return the speed at which a wall of this stiffness may be met that nobody knows.
-
-    The tool stands within DEPTH_SHARE of the cap; it brakes from PROBING_SHARE of it on at the
-    latest.
-    """
-    way = (DEPTH_SHARE - PROBING_SHARE) * force_cap / stiffness
-    return float(stopping_speed(way, latency_s(rig), rig.limits.acceleration_max))
-
-
-def met_within_cap(rig: RigConfig, force_cap: float, speed: float) -> float:
-    """Return the stiffest unknown wall that may be met at this speed."""
-    way = speed * latency_s(rig) + speed * speed / (2.0 * rig.limits.acceleration_max)
-    return (DEPTH_SHARE - PROBING_SHARE) * force_cap / way
 
 
 @kernel
@@ -158,30 +110,6 @@ def remember_wall(t: Tick, position: float, depth: float, force: float) -> None:
         t.nearer = math.inf
     if depth > 0.0 and force > max(PROBING_SHARE * t.force_cap, t.wall_force):
         t.wall_force, t.wall_stiffness = force, force / depth
-
-
-@kernel
-def pace(t: Tick, deepest: float) -> float:
-    """Return the speed towards the environment at which what may be there can be met.
-
-    `deepest` is the depth of the cap by the model, infinite while there is none.
-    """
-    slowest = t.unknown_speed
-    if math.isinf(slowest):
-        return math.inf
-    nearest = t.verified_free
-    if t.surface_known > 0 and nearest >= t.surface - t.tolerance:
-        nearest = t.surface
-        if math.isfinite(deepest) or t.wall_stiffness > 0.0:
-            nearest += t.pressed
-            left = DEPTH_SHARE * t.force_cap - max(t.force, t.pressed_force)
-            room = max(left, CREEP_SHARE * t.force_cap) / t.stiffest
-            slowest = stopping_speed(room, t.late_s, t.acceleration)
-    if t.nearer < nearest:
-        nearest, slowest = t.nearer, t.unknown_speed
-    way, step = max(0.0, nearest - t.command), t.acceleration * t.period_s
-    square = step * step + slowest * slowest + 2.0 * t.acceleration * way
-    return max(slowest, math.sqrt(square) - step)
 
 
 @kernel
@@ -249,38 +177,6 @@ def retreated(t: Tick, command: float, surface: float) -> float:
     if not math.isfinite(surface) or command <= surface:
         return command
     return max(surface, command - t.retreat_step)
-
-
-@kernel
-def caught_up(t: Tick, target: float, velocity: float, command: float) -> float:
-    """Return the target on the way from the last command, at the master's `velocity` or so."""
-    gap = target - command
-    reach = (t.catch_up_speed + abs(velocity)) * t.period_s
-    if t.behind == 0 or abs(gap) <= reach:
-        t.behind = 0
-        return target
-    return command + math.copysign(reach, gap)
-
-
-class CatchUp:
-    """Lets a slave that begins to follow catch up with the master at a safe speed.
-
-    One way later than the slave began, the hand is where nobody has been: what the tool touches on
-    its way there it must meet at the speed of a retreat, or of the hand, not at its own fastest.
-    The same holds when a contact that was waited for is acknowledged: the hand may have gone on.
-    """
-
-    def __init__(self, speed: float, period_s: float, record: TickRecord | None = None) -> None:
-        self._tick = (record or TickRecord()).tick
-        self._tick.catch_up_speed, self._tick.period_s = speed, period_s
-
-    def start(self) -> None:
-        """Begin to follow."""
-        self._tick.behind = 1
-
-    def update(self, target: float, velocity: float, command: float) -> float:
-        """Return the target of this cycle: see `caught_up`."""
-        return caught_up(self._tick, target, velocity, command)
 
 
 class ContactGuard:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
@@ -23,11 +25,13 @@ from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.realtime.row import Row
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
+from teleop_rt.slave.catch_up import CatchUp
 from teleop_rt.slave.coupling import set_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.guard import CatchUp, ContactGuard, latency_s, unknown_speed
+from teleop_rt.slave.guard import ContactGuard
 from teleop_rt.slave.limiter import Limiter
 from teleop_rt.slave.model_sender import ModelSender
+from teleop_rt.slave.pace import latency_s, unknown_speed
 from teleop_rt.slave.record import CAME_IN, TickRecord, place
 from teleop_rt.slave.reference import Reference
 from teleop_rt.slave.safety import SafetyChain
@@ -65,7 +69,7 @@ class Slave:
         *,
         measure_work: bool,
     ) -> None:
-        rig, period_s = trial.rig, trial.rig.period_ns * 1e-9
+        rig = trial.rig
         self._axis = axis
         self._endpoint = endpoint
         self._clock_held = endpoint.clock.held
@@ -87,6 +91,29 @@ class Slave:
         self._record_row = row_writer(row_ring, self._row.stored.view(np.float64))
         self._body = new_state()
         self._body_bytes = self._body.view(np.uint8).data
+        self._models = ModelSender(
+            pipeline.streaming, endpoint, rig.sensors.force_noise, trial.slave.force_cap,
+            trial.link, now_ns, record,
+        )  # fmt: skip
+        self._protect(trial)
+        self._has_zeros = self.reference.used
+        self._configure_record(trial)
+        self.unsafe = rig.unsafe
+        self.tick = 0
+        self.missed_ticks = 0
+        self._stamp_ns = 0
+        self._valid = False
+        self._force_from_drive = rig.axis.force_from_drive
+        self.stopped = faults.NOT_STOPPED
+        self._work_us = math.nan
+        self._drive_values = self.supervision.drive.values
+        self._decide = bound(decide, self._arrays(), CHECK)
+        self._decide(CHECK)  # compiled and loaded now, not in a tick; so is the line below
+        self.limiter.reset(self.limiter.position)
+
+    def _protect(self, trial: TrialConfig) -> None:
+        """Build what checks the samples and limits the commands, all over the record of a tick."""
+        rig, record, period_s = trial.rig, self.record, trial.rig.period_ns * 1e-9
         self.limiter = Limiter(rig.limits, period_s, record)
         cap, stiffest = trial.slave.force_cap, rig.limits.stiffness_max
         self.guard = ContactGuard(
@@ -101,42 +128,26 @@ class Slave:
             late_s=latency_s(rig),
         )
         CatchUp(trial.slave.retreat_speed, period_s, record)
-        self._models = ModelSender(
-            pipeline.streaming, endpoint, rig.sensors.force_noise, trial.slave.force_cap,
-            trial.link, now_ns, record,
-        )  # fmt: skip
         self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late, record)
-        lacks = rig.axis.unsafe()
         self.supervision = Supervision(
-            rig.supervision, rig.limits, rig.rate_hz, lacks, record,
+            rig.supervision, rig.limits, rig.rate_hz, rig.axis.unsafe(), record,
             rig.sensors.position_resolution,
         )  # fmt: skip
         self.reference = Reference(rig.reference, rig.limits, period_s, record)
-        self._has_zeros = self.reference.used
-        self._configure_record(trial)
-        self.unsafe = rig.unsafe
-        self.tick = 0
-        self.missed_ticks = 0
-        self._stamp_ns = 0
-        self._valid = False
-        self._force_from_drive = rig.axis.force_from_drive
-        self.stopped = faults.NOT_STOPPED
-        self._work_us = math.nan
-        self._drive_values = self.supervision.drive.values
-        arrays = (
-            record.stored,
-            pipeline.stored,
+
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        """Return what `decide` works on, in the order of its arguments."""
+        return (
+            self.record.stored,
+            self._pipeline.stored,
             self.safety.late.record,
             self.safety.on_hardware.record,
-            endpoint.statistics.words,
-            endpoint.words,
-            endpoint.newest_motion.stored,
+            self._endpoint.statistics.words,
+            self._endpoint.words,
+            self._endpoint.newest_motion.stored,
             self._row.stored,
             self._body,
         )
-        self._decide = bound(decide, arrays, CHECK)
-        self._decide(CHECK)  # compiled and loaded now, not in a tick; so is the line below
-        self.limiter.reset(self.limiter.position)
 
     def _configure_record(self, trial: TrialConfig) -> None:
         """Write into the record of a tick what no other part of the slave writes."""

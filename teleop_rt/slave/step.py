@@ -21,9 +21,11 @@ from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
 from teleop_rt.realtime.row import Row, StoredRow
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave import coupling, faults
+from teleop_rt.slave.catch_up import caught_up
 from teleop_rt.slave.depth import depth_cap
-from teleop_rt.slave.guard import caught_up, guarded, pace, retreated
+from teleop_rt.slave.guard import guarded, retreated
 from teleop_rt.slave.limiter import limit, stand_at
+from teleop_rt.slave.pace import pace
 from teleop_rt.slave.record import StoredTick, Tick, TickRecord
 from teleop_rt.slave.reference import joins
 from teleop_rt.slave.safety import check_safety, is_powered, stop

@@ -6,9 +6,11 @@ import pytest
 
 from teleop_rt.config_rig import Limits
 from teleop_rt.slave import coupling
+from teleop_rt.slave.catch_up import CatchUp
 from teleop_rt.slave.depth import LINEAR, NO_MODEL, depth_cap
-from teleop_rt.slave.guard import CatchUp, ContactGuard, stopping_speed
+from teleop_rt.slave.guard import ContactGuard
 from teleop_rt.slave.limiter import Limiter, limit
+from teleop_rt.slave.pace import stopping_speed
 from teleop_rt.slave.record import TickRecord
 from teleop_rt.slave.step import followed
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from teleop_rt.slave.guard import DEPTH_SHARE
+from teleop_rt.slave.pace import DEPTH_SHARE
 from teleop_rt.study.delay_plant import DRIVE_HZ, MATERIALS, PERIOD_S, SURFACE_M
 from teleop_rt.study.delay_world import FORCE_CAP_N, Cell, World
 

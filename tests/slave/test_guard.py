@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from teleop_rt.slave import coupling
+from teleop_rt.slave.catch_up import CatchUp
 from teleop_rt.slave.depth import NO_MODEL
-from teleop_rt.slave.guard import CatchUp, ContactGuard, pace
+from teleop_rt.slave.guard import ContactGuard
+from teleop_rt.slave.pace import pace
 from teleop_rt.slave.record import TickRecord
 from teleop_rt.slave.step import followed
 

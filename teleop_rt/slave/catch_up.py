@@ -1,0 +1,40 @@
+"""How a slave that begins to follow comes to where the master is."""
+
+from __future__ import annotations
+
+import math
+
+from teleop_rt.jit import kernel
+from teleop_rt.slave.record import Tick, TickRecord
+
+
+@kernel
+def caught_up(t: Tick, target: float, velocity: float, command: float) -> float:
+    """Return the target on the way from the last command, at the master's `velocity` or so."""
+    gap = target - command
+    reach = (t.catch_up_speed + abs(velocity)) * t.period_s
+    if t.behind == 0 or abs(gap) <= reach:
+        t.behind = 0
+        return target
+    return command + math.copysign(reach, gap)
+
+
+class CatchUp:
+    """Lets a slave that begins to follow catch up with the master at a safe speed.
+
+    One way later than the slave began, the hand is where nobody has been: what the tool touches on
+    its way there it must meet at the speed of a retreat, or of the hand, not at its own fastest.
+    The same holds when a contact that was waited for is acknowledged: the hand may have gone on.
+    """
+
+    def __init__(self, speed: float, period_s: float, record: TickRecord | None = None) -> None:
+        self._tick = (record or TickRecord()).tick
+        self._tick.catch_up_speed, self._tick.period_s = speed, period_s
+
+    def start(self) -> None:
+        """Begin to follow."""
+        self._tick.behind = 1
+
+    def update(self, target: float, velocity: float, command: float) -> float:
+        """Return the target of this cycle: see `caught_up`."""
+        return caught_up(self._tick, target, velocity, command)
