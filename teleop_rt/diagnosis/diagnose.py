@@ -56,7 +56,7 @@ def diagnose(
     enter("finding surface and motion")
     model = base_of(base)
     made = judged(recording, model, surface, effects)
-    weighed, found, lost = made.weighed, made.found, made.lost
+    weighed, found = made.weighed, made.found
     problem, model, judgement = found.problem, found.base.model.base, found.judgement
     found = replace(found, predicting=made.plain.base)
     answer = _answer(found, recording)
@@ -68,9 +68,8 @@ def diagnose(
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
     if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = estimated
-    if not moves_in_steps(
-        recording.position, recording.force, recording.dt
-    ):  # each may leave a lone sample
+    if not moves_in_steps(recording.position, recording.force, recording.dt):
+        # Each step may leave a lone sample.
         noise = force_noise(recording.force, recording.force_step)
         lone = isolated(recording.force, problem.motion.x, noise, recording.dt)
         outliers.add_to(answer, lone, problem.motion)
@@ -79,30 +78,51 @@ def diagnose(
         proposed = design(weighed.problem, [r.fit for r in judgement.sets], reach)
         answer["experiment"] = proposed.entry() if proposed else None
         found = replace(found, experiment=proposed)
-    answer["gaps"]["count"] += len(lost)
-    answer["gaps"]["samples"] += sum(past - first for first, past in lost)
     if judgement.verdict == "unexplained":
         answer["nearest"] = nearest(found, test, surface)
-    if judgement.verdict in {"partial", "unexplained"}:
-        answer["dependence"] = dependence(problem, found.best)
-        answer["notes"] += of_time(answer["dependence"])
-    named = {effect["name"] for effect in answer["effects"]}.union(*answer["class"])
-    pressed = pressed_all_along(weighed.problem)
-    library = applicable(effects, recording, model, pressed=pressed)
-    answer["detectable"] = [
-        one
-        for one in detectable(weighed.problem, weighed.base, weighed.input_errors, library,
-                              recording.units)
-        if one["name"] not in named
-    ]  # fmt: skip
-    hints = (turned_sign(found.problem, found.base.model), other_base(found))
-    answer["notes"] += [hint for hint in hints if hint is not None]
-    answer["notes"] += notes_of(answer, model, base, recording, surface, weighed.samples)
-    answer["notes"] += [of_dropout(start + n * recording.dt, start + m * recording.dt)
-                        for n, m in lost]  # fmt: skip
+    answer["detectable"] = _detectable(weighed, recording, answer, effects)
+    _add_notes(answer, made, recording, (base, surface), start)
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
+
+
+def _detectable(
+    weighed: Diagnosis, recording: Recording, answer: dict[str, Any], effects: tuple[Effect, ...]
+) -> list[dict[str, Any]]:
+    """Return the detectable sizes of the effects that are not named."""
+    problem, named = weighed.problem, {effect["name"] for effect in answer["effects"]}
+    named = named.union(*answer["class"])
+    pressed = pressed_all_along(problem)
+    library = applicable(effects, recording, weighed.base.model.base, pressed=pressed)
+    sizes = detectable(problem, weighed.base, weighed.input_errors, library, recording.units)
+    return [one for one in sizes if one["name"] not in named]
+
+
+def _add_notes(
+    answer: dict[str, Any],
+    made: Judged,
+    recording: Recording,
+    stated: tuple[str, float | None],
+    start: float,
+) -> None:
+    """Add the notes, what the residual depends on, and dropouts, which count as gaps.
+
+    `stated` are the base and the surface that the caller gave; the recording's part that is used
+    begins at `start` [s].
+    """
+    found, (base, surface) = made.found, stated
+    if made.inconclusive:
+        answer["dependence"] = dependence(found.problem, found.best)
+        answer["notes"] += of_time(answer["dependence"])
+    model = found.base.model.base
+    hints = (turned_sign(found.problem, found.base.model), other_base(found))
+    answer["notes"] += [hint for hint in hints if hint is not None]
+    answer["notes"] += notes_of(answer, model, base, recording, surface, made.weighed.samples)
+    times = [(start + n * recording.dt, start + m * recording.dt) for n, m in made.lost]
+    answer["notes"] += [of_dropout(*pair) for pair in times]
+    answer["gaps"]["count"] += len(made.lost)
+    answer["gaps"]["samples"] += sum(past - first for first, past in made.lost)
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:

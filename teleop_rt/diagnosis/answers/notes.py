@@ -88,18 +88,30 @@ def notes_of(
         found.append(_RESTS_ON[samples])
     if moves_in_steps(recording.position, recording.force, recording.dt):
         found.append(STEPS_OF_MOTION)
-    if answer["verdict"] in {"partial", "unexplained"}:
-        found.append(
+    return found + _of_what_is_left(answer) + _of_errors(answer)
+
+
+def _of_what_is_left(answer: dict[str, Any]) -> list[str]:
+    """Return the notes on a structure that no named effect explains."""
+    if answer["verdict"] not in {"partial", "unexplained"}:
+        return []
+    return [
+        (
             "the named effects explain less than 95 % of the structure above the noise; the errors"
             " are those of the set that predicts best, named or not: see the residual against"
             " position, velocity and time on the page of --out, and its draft of a law for"
             " --effects FILE"
-        )
-        found.append(
+        ),
+        (
             "the deviations of parameters are those of a complete model: what is missing here may"
             " move them by more"
-        )
-    error = answer["error"]
+        ),
+    ]
+
+
+def _of_errors(answer: dict[str, Any]) -> list[str]:
+    """Return the notes on errors that are undefined, or larger than the answer promises."""
+    found, error = list[str](), answer["error"]
     unpredicted = [word for key, word in _MODELS.items() if error["std_normalised"][key] is None]
     if unpredicted:
         found.append(
@@ -107,7 +119,7 @@ def notes_of(
             " parameters fitted to one part of the recording do not hold in the rest; record more"
             " of the same motion, or choose another base"
         )
-    missed, ratio = error["std_normalised"]["after"], error["after_over_floor"]
+    missed = error["std_normalised"]["after"]
     if missed is not None and missed > (error["std_normalised"]["before"] or np.inf):
         found.append(
             f"the answer does not predict: its error on the {error['on']} is larger than that of"
@@ -118,21 +130,28 @@ def notes_of(
             f"the error on the held-out record is {missed:.2g} times the deviation of its force:"
             " check it: is it of the same object, and in the same units?"
         )
-    elif (
-        answer["verdict"] not in {"partial", "unexplained"} and (ratio or 0.0) > REDRAWN_NOISE_RATIO
-    ):
-        cause = f"the held-out error is {ratio:.2g} times that of noise alone"
-        if answer["verdict"] == "no_missing_effect":
-            found.append(
+        return found
+    return found + _of_ratio(answer["verdict"], error["after_over_floor"] or 0.0)
+
+
+def _of_ratio(verdict: str, ratio: float) -> list[str]:
+    """Return the note on an error that is larger than that of noise, though nothing is left."""
+    if verdict in {"partial", "unexplained"} or ratio <= REDRAWN_NOISE_RATIO:
+        return []
+    cause = f"the held-out error is {ratio:.2g} times that of noise alone"
+    if verdict == "no_missing_effect":
+        return [
+            (
                 f"{cause}: a slow effect may be missing that cannot be distinguished from slow"
                 " noise; make a longer recording, or one with more free air, to separate them"
             )
-        else:
-            found.append(
-                f"{cause}: the effect may have another form, or a further one may be missing;"
-                " record another motion to separate them"
-            )
-    return found
+        ]
+    return [
+        (
+            f"{cause}: the effect may have another form, or a further one may be missing;"
+            " record another motion to separate them"
+        )
+    ]
 
 
 def of_dropout(first_s: float, past_s: float) -> str:

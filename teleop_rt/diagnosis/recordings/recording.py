@@ -170,6 +170,34 @@ def from_arrays(
     Samples that come slower than `slowest_hz` are taken for times in a wrong unit.
     Raises RecordingError where nothing can be found out from them.
     """
+    good = _usable(name, time, position, force)
+    t = time[good]
+    dt = _period(name, t, slowest_hz)
+    _refuse_nothing_to_learn(name, position[good], force[good])
+    t, dt = _clock(t, dt, position[good])
+    grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
+    mask = _covered(grid, t, dt)
+    if float(np.mean(mask)) < 0.5:
+        raise RecordingError(f"{name}: gaps make up more than half of the recording")
+    gaps = stretches(mask == 0.0)
+    return Recording(
+        name,
+        dt,
+        _bent(_resampled(grid, t, position[good]), mask),
+        _resampled(grid, t, force[good]),
+        mask,
+        units,
+        surface,
+        None if reference is None else _resampled(grid, t, reference[good]),
+        gaps=len(gaps),
+        missing=sum(past - first for first, past in gaps),
+        jitter=float(np.std((t - t[0]) / dt - np.round((t - t[0]) / dt))),
+        force_step=quantisation_step(force[good]),
+    )
+
+
+def _usable(name: str, time: Vector, position: Vector, force: Vector) -> NDArray[np.bool_]:
+    """Return which samples can be used; raises RecordingError if they are too few."""
     _refuse_other_lengths(name, {"time": time, "position": position, "force": force})
     if time.size < MIN_SAMPLES:
         raise RecordingError(
@@ -182,7 +210,11 @@ def from_arrays(
             f" {MOST:g}: check the columns and their units"
         )
     good[good] = ~lone(position[good])
-    t = time[good]
+    return good
+
+
+def _period(name: str, t: Vector, slowest_hz: float) -> float:
+    """Return the median period [s]; raises RecordingError if the times are no recording's."""
     steps = np.diff(t)
     if np.any(steps <= 0.0):
         place = int(np.argmax(steps <= 0.0))
@@ -207,27 +239,7 @@ def from_arrays(
             f"{name}: wrong unit? the recording lasts {t[-1] - t[0]:.3g} s, at least"
             f" {_SHORTEST_S:g} s are needed; if time is in s, say so with --units time=s"
         )
-    _refuse_nothing_to_learn(name, position[good], force[good])
-    t, dt = _clock(t, dt, position[good])
-    grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
-    mask = _covered(grid, t, dt)
-    if float(np.mean(mask)) < 0.5:
-        raise RecordingError(f"{name}: gaps make up more than half of the recording")
-    gaps = stretches(mask == 0.0)
-    return Recording(
-        name,
-        dt,
-        _bent(_resampled(grid, t, position[good]), mask),
-        _resampled(grid, t, force[good]),
-        mask,
-        units,
-        surface,
-        None if reference is None else _resampled(grid, t, reference[good]),
-        gaps=len(gaps),
-        missing=sum(past - first for first, past in gaps),
-        jitter=float(np.std((t - t[0]) / dt - np.round((t - t[0]) / dt))),
-        force_step=quantisation_step(force[good]),
-    )
+    return dt
 
 
 def refuse_other_units(test: Recording, recording: Recording) -> None:
