@@ -4,6 +4,7 @@ import sys
 
 import numba
 import pytest
+from numba.core import compiler
 
 from teleop_rt.jit import inlined_kernel, kernel
 
@@ -106,3 +107,17 @@ def test_only_the_outermost_kernel_is_cached_with_all_that_any_branch_calls(tmp_
 
     assert printed() == "8.0 0\nbranches.outermost\n"
     assert printed() == "8.0 1\nbranches.outermost\n"
+
+
+def test_options_of_the_compiler_are_equal_where_all_their_values_are(monkeypatch):
+    options = compiler.Flags
+    # numba's own comparison, which takes long: it is not to be used.
+    monkeypatch.setattr(options, "values", None)
+    as_it_is, named, another = options(), options(), options()
+    named.nrt = as_it_is.nrt
+    another.nrt = not as_it_is.nrt
+    assert as_it_is == named
+    assert as_it_is != another
+    assert as_it_is != "options"
+    assert {as_it_is: 1}[named] == 1
+    assert another not in {as_it_is: 1}
