@@ -189,6 +189,24 @@ def write_linear(
 
 
 @kernel
+def hunt_crossley_deviations(
+    state: index.BankState, covariance: Matrix, values: Vector, deviations: Vector
+) -> None:
+    """Write the deviations of k, b and n from the covariance of ln k', the ratio b'/k' and n."""
+    C, k, b = covariance, values[0], values[1]
+    log_length = math.log(state.settings[index.LENGTH])
+    by_ratio = k / state.settings[index.SPEED]
+    # By ln k' and n alone: d ln k = d ln k' - ln(length) d n.
+    of_log_k = C[0, 0] - 2.0 * log_length * C[0, 2] + log_length * log_length * C[2, 2]
+    mixed = C[0, 1] - log_length * C[1, 2]
+    deviations[0] = deviation(k * k * of_log_k)
+    deviations[1] = deviation(
+        b * b * of_log_k + 2.0 * b * by_ratio * mixed + by_ratio * by_ratio * C[1, 1]
+    )
+    deviations[2] = deviation(C[2, 2])
+
+
+@kernel
 def write_hunt_crossley(
     one: index.StateArray,
     r: int,
@@ -208,19 +226,7 @@ def write_hunt_crossley(
     deviations[:] = math.nan
     known = row_covariance(state, r, slot, place, integral, covariance)
     if known:
-        C, k, b = covariance, values[0], values[1]
-        log_length, by_ratio = (
-            math.log(state.settings[index.LENGTH]),
-            k / state.settings[index.SPEED],
-        )
-        # By ln k' and n alone: d ln k = d ln k' - ln(length) d n.
-        of_log_k = C[0, 0] - 2.0 * log_length * C[0, 2] + log_length * log_length * C[2, 2]
-        mixed = C[0, 1] - log_length * C[1, 2]
-        deviations[0] = deviation(k * k * of_log_k)
-        deviations[1] = deviation(
-            b * b * of_log_k + 2.0 * b * by_ratio * mixed + by_ratio * by_ratio * C[1, 1]
-        )
-        deviations[2] = deviation(C[2, 2])
+        hunt_crossley_deviations(state, covariance, values, deviations)
     if len(scales) == 0:
         return known
     known = (

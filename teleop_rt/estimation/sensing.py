@@ -111,6 +111,22 @@ def advance_logarithms(state: index.BankState, x: float, f: float) -> None:
 
 
 @kernel
+def filter_free(state: index.BankState, x: float, force: float) -> None:
+    """Advance what the models with a free offset use: in contact and out of it (x scaled)."""
+    q = state.q
+    if q[index.FREE_RUNNING] > 0.0:
+        advance(state, index.FREE, force)
+        q[index.FREE_SETTLED] += 1.0
+    else:
+        start(state, index.FREE, force)
+    if state.settings[index.N_EFFECTS] == 0.0:
+        advance_contact_windows(
+            state, index.FREE_PAIR, x, force, q[index.FREE_RUNNING], state.settings[index.PERIOD]
+        )
+    q[index.FREE_RUNNING] = 1.0
+
+
+@kernel
 def filter_signals(state: index.BankState, position: float, force: float) -> None:
     """Advance filters, and where no effects wait for filtered signals, integrals."""
     q = state.q
@@ -119,21 +135,7 @@ def filter_signals(state: index.BankState, position: float, force: float) -> Non
     advance(state, index.P, position)
     advance(state, index.U, one_way_travel(q, position, state.detection[detection.RESOLUTION]))
     if state.settings[index.ANY_FREE] > 0.0:
-        if q[index.FREE_RUNNING] > 0.0:
-            advance(state, index.FREE, force)
-            q[index.FREE_SETTLED] += 1.0
-        else:
-            start(state, index.FREE, force)
-        if plain:
-            advance_contact_windows(
-                state,
-                index.FREE_PAIR,
-                x,
-                force,
-                q[index.FREE_RUNNING],
-                state.settings[index.PERIOD],
-            )
-        q[index.FREE_RUNNING] = 1.0
+        filter_free(state, x, force)
     fixed = state.detector[detection.SURFACE_FIXED] > 0.0
     net = force - q[index.RIG_FORCE]
     pressing = state.detector[detection.IN_CONTACT] > 0.0 and (

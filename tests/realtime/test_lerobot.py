@@ -92,6 +92,14 @@ def test_a_topic_is_exported_as_parquet_with_units_in_its_names(tmp_path):
     assert np.isnan(table.column("force_N").to_numpy()[200])
 
 
+def assert_columns_are_as_declared(table, features):
+    for name, feature in features.items():
+        kind, size = table.schema.field(name).type, feature["shape"][0]
+        one = kind if size == 1 else kind.value_type
+        assert str(one) == {"float32": "float", "int64": "int64"}[feature["dtype"]]
+        assert getattr(kind, "list_size", 1) == size
+
+
 def test_two_recordings_are_two_episodes_of_a_dataset_as_it_is_published(tmp_path):
     paths = [
         recorded(tmp_path / "a" / "recording.mcap", skipped=range(300, 304)),
@@ -117,11 +125,7 @@ def test_two_recordings_are_two_episodes_of_a_dataset_as_it_is_published(tmp_pat
         path = info["data_path"].format(episode_chunk=0, episode_index=number)
         table = parquet.read_table(out / path)
         assert set(table.column_names) == set(info["features"])
-        for name, feature in info["features"].items():
-            kind, size = table.schema.field(name).type, feature["shape"][0]
-            one = kind if size == 1 else kind.value_type
-            assert str(one) == {"float32": "float", "int64": "int64"}[feature["dtype"]]
-            assert getattr(kind, "list_size", 1) == size
+        assert_columns_are_as_declared(table, info["features"])
         frame = np.arange(length)
         assert table.column("timestamp").to_numpy() == pytest.approx(frame / 50, abs=1e-6)
         assert table.column("frame_index").to_pylist() == frame.tolist()
