@@ -16,7 +16,12 @@ import pytest
 
 from teleop_rt.realtime.system_calls import read_bytes, read_delivered
 from teleop_rt_drivers.framed import stream as stream_module
-from teleop_rt_drivers.framed.stream import VMIN, DescriptorStream, StreamGoneError, keep_arrivals
+from teleop_rt_drivers.framed.stream import (
+    CONTROL_CHARACTERS,
+    DescriptorStream,
+    StreamGoneError,
+    keep_arrivals,
+)
 
 
 @pytest.fixture
@@ -25,7 +30,8 @@ def line():
     far, near = pty.openpty()
     tty.setraw(near)
     attributes = termios.tcgetattr(near)
-    attributes[VMIN][termios.VMIN] = attributes[VMIN][termios.VTIME] = 0
+    control = attributes[CONTROL_CHARACTERS]
+    control[termios.VMIN] = control[termios.VTIME] = 0
     termios.tcsetattr(near, termios.TCSANOW, attributes)
     ends = {"near": near, "far": far}
     yield ends

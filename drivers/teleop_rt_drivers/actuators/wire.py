@@ -9,7 +9,12 @@ from teleop_rt.axis import AxisFault
 from teleop_rt_drivers.actuators.codec import Frame
 from teleop_rt_drivers.can_frames import EXTENDED, EXTENDED_MASK
 from teleop_rt_drivers.framed.can_port import CanEnd
-from teleop_rt_drivers.framed.stream import READ_BYTES, DescriptorStream, StreamGoneError
+from teleop_rt_drivers.framed.stream import (
+    MOST_READS_PER_CYCLE,
+    READ_BYTES,
+    DescriptorStream,
+    StreamGoneError,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,8 +24,6 @@ if TYPE_CHECKING:
 
     Heard = Callable[[Frame, int], None]
 
-MOST_READS_PER_CYCLE = 4
-"""Reads of 4096 bytes: a cycle of 3 Mbit/s brings 300, and a flood must not hold the loop."""
 SETTLE_S = 0.005
 """Time that a drive on a line has for each packet of its set-up, which it does not answer."""
 REMEMBERED = 16

@@ -24,7 +24,7 @@ from teleop_rt_drivers.canopen.counters import Counters
 from teleop_rt_drivers.canopen.exchange import COUNT, SENT, new_sync, note_sent
 from teleop_rt_drivers.canopen.receiver import Receiver
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus
-from teleop_rt_drivers.canopen.watch import OPERATIONAL, purge, send_fault
+from teleop_rt_drivers.canopen.watch import OPERATIONAL, SEND_FAILURES_FAULT, purge, send_fault
 from teleop_rt_drivers.quantity import FROM_INPUT
 from teleop_rt_drivers.transport import canopen_transport, timing_of
 
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.pdo import PdoCodec
 
-SEND_FAILURES_FAULT = 3
 _NOT_ACKNOWLEDGED = AxisFault.NOT_ACKNOWLEDGED
 
 

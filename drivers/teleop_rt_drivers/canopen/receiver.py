@@ -9,7 +9,14 @@ import numpy as np
 from teleop_rt.axis import NO_AXIS_FAULT, AxisFault
 from teleop_rt.jit import bound
 from teleop_rt_drivers.can_door import UNUSUAL
-from teleop_rt_drivers.can_frames import ERROR, EXTENDED_MASK, REMOTE, UNREADABLE, SlotReader
+from teleop_rt_drivers.can_frames import (
+    ERROR,
+    EXTENDED_MASK,
+    MOST_FRAMES_PER_CYCLE,
+    REMOTE,
+    UNREADABLE,
+    SlotReader,
+)
 from teleop_rt_drivers.canopen import eds, intake, setup
 from teleop_rt_drivers.canopen.drive import RUNNING
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
@@ -43,7 +50,6 @@ if TYPE_CHECKING:
     Handler = Callable[[int, Data, int], object]
     """Takes the id, the bytes and the time of the cycle."""
 
-MOST_FRAMES_PER_CYCLE = 256
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
 SDO = (0x580, 0x680)
 

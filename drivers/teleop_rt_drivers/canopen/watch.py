@@ -20,6 +20,8 @@ _NOBODY = -1
 CAN_ERR_CONTROLLER = 0x004
 CAN_ERR_BUS_OFF = 0x040
 CONTROLLER_PASSIVE = 0x30
+SEND_FAILURES_FAULT = 3
+"""Frames in a row that cannot be sent, after which the bus is at fault; fewer are counted only."""
 QUEUE_FULL = (errno.ENOBUFS, errno.EAGAIN)
 
 

@@ -14,13 +14,19 @@ from teleop_rt_drivers.bus import descriptor_of, stamps_arrivals
 from teleop_rt_drivers.can_frames import (
     ERROR,
     EXTENDED_MASK,
+    MOST_FRAMES_PER_CYCLE,
     REMOTE,
     UNREADABLE,
     reader_of,
     single_sender_of,
     wide_message,
 )
-from teleop_rt_drivers.canopen.watch import error_frame_fault, purge, send_fault
+from teleop_rt_drivers.canopen.watch import (
+    SEND_FAILURES_FAULT,
+    error_frame_fault,
+    purge,
+    send_fault,
+)
 from teleop_rt_drivers.framed.dbc import DbcMessage, load_dbc
 from teleop_rt_drivers.framed.stream import arrived_between
 
@@ -32,8 +38,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.stream import Watched
 
-MOST_FRAMES_PER_CYCLE = 256
-SEND_FAILURES_FAULT = 3
 LATE_STAMP_NS = 100_000
 """A frame may be stamped so long before it can be read, and so before the bus was last empty."""
 

@@ -10,6 +10,7 @@ from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_f
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
 from teleop_rt_drivers.framed.stream import (
+    MOST_READS_PER_CYCLE,
     READ_BYTES,
     DescriptorStream,
     StreamGoneError,
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import SerialPortConfig
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.stream import ByteStream, Watched
-
-MOST_READS_PER_CYCLE = 4
 
 
 class SerialPort:

@@ -16,7 +16,10 @@ import serial
 from teleop_rt.axis import AxisError
 
 READ_BYTES = 4096
-VMIN = 6
+MOST_READS_PER_CYCLE = 4
+"""A cycle of 1 ms at 3 Mbit/s brings 300 bytes; a flood must not hold the loop."""
+CONTROL_CHARACTERS = 6
+"""The place of `cc`, and so of VMIN and VTIME, in what termios.tcgetattr returns."""
 _NO_COUNT = bytes(4)
 _LOOKS = 8
 """Looks at terminals while arrivals are watched: a `select` may wait longer than it is asked to, as
@@ -159,7 +162,7 @@ class SerialStream(DescriptorStream):
             self._serial = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
             super().__init__(self._serial.fileno())
             attributes = termios.tcgetattr(self._serial.fileno())
-            attributes[VMIN][termios.VMIN] = b"\x01"
+            attributes[CONTROL_CHARACTERS][termios.VMIN] = b"\x01"
             termios.tcsetattr(self._serial.fileno(), termios.TCSANOW, attributes)
         except (serial.SerialException, OSError, ValueError, termios.error) as error:
             raise AxisError(
