@@ -19,12 +19,11 @@ import select
 import socket
 import time
 from operator import itemgetter
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import can
 
-from teleop_rt.realtime.leftovers import alive, owner, shared_folder
+from teleop_rt_drivers.bus_folder import SUFFIX, entered, folder_of, names_in, sweep_buses
 from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, CanDoor
 from teleop_rt_drivers.can_frames import (
     FRAME,
@@ -44,61 +43,9 @@ if TYPE_CHECKING:
 _pack = FRAME.pack
 _BUFFER_BYTES = 4 << 20
 """Send buffer of a socket: frames wait there while the other program stalls."""
-_MODE = 0o700  # of a bus's folder: other users take no part
-_SUFFIX = ".can"
 _MEET_EVERY = 16
 """Readings of all waiting frames between two searches for new programs."""
 _GONE = (errno.ECONNREFUSED, errno.ENOENT)
-
-
-def folder_of(channel: str) -> Path:
-    """Return the folder of a bus: the channel is its path, or a name for this user alone."""
-    return Path(channel) if "/" in channel else shared_folder() / f"{_own_prefix()}{channel}"
-
-
-def sweep_buses() -> None:
-    """Remove what programs of this user that were killed left of buses that have a name."""
-    for place in shared_folder().glob(f"{_own_prefix()}*"):
-        with contextlib.suppress(OSError):
-            folder = _open(place)
-            try:
-                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                for name in _names(folder):
-                    if (process := owner(name)) is not None and not alive(process):
-                        os.unlink(name, dir_fd=folder)
-                place.rmdir()
-            finally:
-                os.close(folder)
-
-
-def _own_prefix() -> str:
-    return f"can-{os.getuid()}-"
-
-
-def _open(place: Path) -> int:
-    return os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-
-
-def _entered(place: Path) -> int:
-    """Return the folder of a bus, open and locked: made, where the last program has removed it.
-
-    Raises OSError.
-    """
-    while True:
-        place.mkdir(_MODE, parents=True, exist_ok=True)
-        with contextlib.suppress(FileNotFoundError):
-            folder = _open(place)
-            fcntl.flock(folder, fcntl.LOCK_EX)
-            with contextlib.suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(folder), place.stat()):
-                    return folder
-            os.close(folder)
-
-
-def _names(folder: int) -> list[str]:
-    """Return the places of programs in the folder of a bus."""
-    there = os.listdir(folder)
-    return [name for name in there if name.endswith(_SUFFIX)]
 
 
 class UnixBus(can.BusABC):
@@ -119,7 +66,7 @@ class UnixBus(can.BusABC):
         self._packets = self.door.packets
         self._kept: list[Frame] = []
         self._readings = 0
-        self._name = f"{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}"
+        self._name = f"{os.getpid()}-{secrets.token_hex(4)}{SUFFIX}"
         self.lost = 0
         self.channel_info = f"unix {channel}"
         self._listening = _seqpacket()
@@ -127,7 +74,7 @@ class UnixBus(can.BusABC):
         super().__init__(channel=channel, **options)
         if "/" not in str(channel):
             sweep_buses()
-        self._folder = _entered(self._place)
+        self._folder = entered(self._place)
         try:
             self._join()
         except OSError:
@@ -137,7 +84,7 @@ class UnixBus(can.BusABC):
     def _join(self) -> None:
         """Listen, and connect with whoever is there: one program at a time, so that each is met."""
         try:
-            others = _names(self._folder)
+            others = names_in(self._folder)
             self._listening.bind(self._path(self._name))
             self._listening.listen(64)
             self._ready.register(self._listening, select.EPOLLIN)

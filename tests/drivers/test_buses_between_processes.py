@@ -13,9 +13,9 @@ from rig_bench import canopen_rig, changed
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
 from teleop_rt_drivers.bus import MulticastBus, open_bus
+from teleop_rt_drivers.bus_folder import folder_of
 from teleop_rt_drivers.opening import open_axis
 from teleop_rt_drivers.registry import own_run
-from teleop_rt_drivers.unix_bus import folder_of
 
 GROUP = "239.74.163.2"
 

@@ -14,16 +14,18 @@ from pathlib import Path
 import can
 import pytest
 
-from teleop_rt_drivers import can_frames, unix_bus
+from teleop_rt_drivers import bus_folder, can_frames, unix_bus
+from teleop_rt_drivers.bus_folder import folder_of
 from teleop_rt_drivers.can_frames import REMOTE, UNREADABLE, Frame, one_by_one, plain_message
-from teleop_rt_drivers.unix_bus import UnixBus, folder_of
+from teleop_rt_drivers.unix_bus import UnixBus
 
 ROOT = Path(__file__).parents[2]
 JOINING = """
 import sys, time
-from teleop_rt_drivers import can_frames, unix_bus
+from teleop_rt_drivers import bus_folder, can_frames, unix_bus
 from teleop_rt_drivers.can_frames import UNREADABLE, Frame, one_by_one
-from teleop_rt_drivers.unix_bus import UnixBus, folder_of
+from teleop_rt_drivers.bus_folder import folder_of
+from teleop_rt_drivers.unix_bus import UnixBus
 bus = UnixBus(sys.argv[1])
 print("joined", flush=True)
 time.sleep(60)
@@ -188,7 +190,7 @@ def killed():
 def test_the_next_program_on_any_named_bus_sweeps_what_killed_ones_left(
     tmp_path, monkeypatch, killed
 ):
-    monkeypatch.setattr(unix_bus, "shared_folder", lambda: tmp_path)
+    monkeypatch.setattr(bus_folder, "shared_folder", lambda: tmp_path)
     abandoned, half = folder_of("abandoned"), folder_of("half")
     for place in (abandoned, half):
         place.mkdir()
@@ -206,15 +208,15 @@ def test_the_next_program_on_any_named_bus_sweeps_what_killed_ones_left(
 
 
 def test_a_bus_that_the_last_program_removes_meanwhile_is_made_anew(channel, monkeypatch):
-    opened = unix_bus._open
+    opened = bus_folder._open
 
     def removed_before_it_was_locked(place):
         folder = opened(place)
-        monkeypatch.setattr(unix_bus, "_open", opened)
+        monkeypatch.setattr(bus_folder, "_open", opened)
         place.rmdir()
         return folder
 
-    monkeypatch.setattr(unix_bus, "_open", removed_before_it_was_locked)
+    monkeypatch.setattr(bus_folder, "_open", removed_before_it_was_locked)
     with UnixBus(channel) as ours, UnixBus(channel) as theirs:
         theirs.send(frame(1))
         assert ids(ours) == [1]

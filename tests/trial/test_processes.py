@@ -17,7 +17,7 @@ from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.trial.closed_loop import run_into
 from teleop_rt_dev.trial.files import SILICONE
-from teleop_rt_drivers.unix_bus import sweep_buses
+from teleop_rt_drivers.bus_folder import sweep_buses
 
 pytestmark = pytest.mark.realtime
 
