@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,11 +33,12 @@ from teleop_rt.realtime.recording import ONLINE
 
 Array = NDArray[np.float64]
 
-_ESTIMATED = (
-    "stamp_ns", "sample_stamp_ns", "position_age_ms", "force_age_ms", "valid", "position", "force",
-)  # fmt: skip
+_ESTIMATED = ("sample_stamp_ns", "valid", "position", "force")
 """Signals that the samples of the estimators are made of: of an hour all would not fit in memory,
 and what follows them in a row is not read."""
+_PAIRED = ("stamp_ns", "position_age_ms", "force_age_ms")
+"""Signals that are needed beside them where the samples are pairs of a slow sensor's."""
+_NO_SLAVE = "{}: has no slave's side of a run: give the recording of a run"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
     `effects` is a Python file with effects of the user's. The one that a recording names is a
     program, and is not run.
     """
-    metadata, slave = _recorded(path, _ESTIMATED)
+    metadata = _metadata(path)
     rows: list[RowSpec] = []
     labels = [(m, r, s.removesuffix(FROZEN_LABEL)) for m, r, s in json.loads(metadata["rows"])]
     for model, regression, solver in dict.fromkeys(labels):
@@ -69,7 +69,7 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
     if extended is not None:
         extension = _extension(path, extended, metadata["effects_file"], effects)
         rows, settings = extension.rows(rows), extension.settings(settings)
-    samples = _samples(slave, settings)
+    samples = _samples(_recorded(path, settings), settings)
     return Online(
         settings=settings,
         rows=rows,
@@ -80,14 +80,22 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
     )
 
 
-def _recorded(path: Path, signals: Sequence[str]) -> tuple[dict[str, str], dict[str, Array]]:
-    """Return a recording's metadata of the run, and signals of its slave. Raises RecordingError."""
+def _metadata(path: Path) -> dict[str, str]:
+    """Return a recording's metadata of the run. Raises RecordingError."""
     metadata = read_metadata(path, ONLINE)
     _note_cut_off(path)
+    if metadata is None:
+        raise RecordingError(_NO_SLAVE.format(path))
+    return metadata
+
+
+def _recorded(path: Path, settings: PipelineSettings, *more: str) -> dict[str, Array]:
+    """Return the signals of a slave that samples are made of, and `more`. Raises RecordingError."""
+    signals = (*_ESTIMATED, *(() if settings.paired_lag_s is None else _PAIRED), *more)
     slave = read_topics(path, ["/slave"], {"/slave": signals}).get("/slave")
-    if metadata is None or slave is None:
-        raise RecordingError(f"{path}: has no slave's side of a run: give the recording of a run")
-    return metadata, slave
+    if slave is None:
+        raise RecordingError(_NO_SLAVE.format(path))
+    return slave
 
 
 @functools.cache
@@ -142,8 +150,10 @@ def load_any(path: Path, table: Table) -> Recording:
         return load(path, layout)
     if table.rate_hz is not None:
         raise RecordingError(f"{path}: has times of its own: leave out --rate")
-    metadata, slave = _recorded(path, (*_ESTIMATED, "surface"))
+    metadata = _metadata(path)
     settings = _settings(path, metadata)
+    slave = _recorded(path, settings, "surface")
+    surface = last_known(slave["surface"])
     if settings.paired_lag_s is not None:
         position, force, fresh, stamps = _samples(slave, settings)
         stamps, position, force = stamps[fresh], position[fresh], force[fresh]
@@ -151,6 +161,7 @@ def load_any(path: Path, table: Table) -> Recording:
         fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
         stamps = slave["sample_stamp_ns"][fresh]
         position, force = slave["position"][fresh], slave["force"][fresh]
+    del slave, fresh  # copies were taken: of an hour the columns fill more memory than the rest
     time_s = (stamps - stamps[0]) * 1e-9
     return from_arrays(
         path.name,
@@ -158,5 +169,5 @@ def load_any(path: Path, table: Table) -> Recording:
         position,
         without_lag(time_s, force, settings.force_lag_s),
         units=(metadata["position_unit"], metadata["force_unit"]),
-        surface=last_known(slave["surface"]),
+        surface=surface,
     )

@@ -124,3 +124,11 @@ def test_a_diagnosis_loads_no_scipy() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+def test_a_spline_through_a_long_row_is_the_same_where_its_pieces_meet() -> None:
+    t = np.cumsum(0.8 + 0.4 * np.random.default_rng(7).random(250_000))
+    row = np.sin(0.2 * t)
+    places = t[0] + 0.37 + np.arange(2 * t.size - 2) * 0.49
+    expected = interpolate.CubicSpline(t, row, bc_type="natural")(places)
+    assert spline(places, t, row) == pytest.approx(expected, abs=1e-9)

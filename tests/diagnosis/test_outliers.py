@@ -8,7 +8,7 @@ import scipy
 
 from teleop_rt.diagnosis.answers.outliers import chance_of_one_source, effect_of, of_motion
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import force_noise, outliers
+from teleop_rt.diagnosis.samples.rows import force_noise, lone, outliers
 
 
 def moved() -> RecordedMotion:
@@ -106,3 +106,15 @@ def test_the_force_of_fast_reversals_of_the_tool_holds_no_outliers() -> None:
     force = 3000.0 * depth + 20.0 * np.gradient(depth, 1e-3)
     force += 0.05 * np.random.default_rng(7).normal(size=t.size)
     assert not outliers(force, depth, force_noise(force), 1e-3).any()
+
+
+def test_every_slip_in_a_long_recording_is_seen_wherever_it_lies() -> None:
+    row = np.sin(2e-3 * np.arange(300_000))
+    slips = [2, 50_000, 99_998, 100_001, 100_004, 199_999, 200_002, 200_005, 299_997]
+    row[slips] += 5.0
+    assert np.flatnonzero(lone(row)).tolist() == slips
+
+
+def test_a_row_without_two_neighbours_on_either_side_has_no_slip() -> None:
+    assert not lone(np.array([0.0, 0.0, 9.0, 0.0])).any()
+    assert lone(np.array([0.0, 0.0, 9.0, 0.0, 0.0])).tolist() == [False, False, True, False, False]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.diagnosis.recordings.table_files import read_table
-from teleop_rt.diagnosis.samples.filters import spline
+from teleop_rt.diagnosis.samples.filters import pieces, spline
 from teleop_rt.diagnosis.samples.rows import Stretch, lone, quantisation_step, stretches
 from teleop_rt.errors import RecordingError
 from teleop_rt.section import LEAST, MOST
@@ -294,11 +294,12 @@ def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
     period = float(grid[1] - grid[0])
     if t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * period:
         return np.ascontiguousarray(row)
-    lines = np.interp(grid, t, row)
-    cubic = spline(grid, t, row)
-    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
-    close = t[after] - t[after - 1] < _GAP * period
-    return np.where(close, cubic, lines)
+    found, close = spline(grid, t, row), np.diff(t) < _GAP * period
+    for part in pieces(grid.size):
+        here = grid[part]
+        before = np.clip(np.searchsorted(t, here), 1, t.size - 1) - 1
+        found[part] = np.where(close[before], found[part], np.interp(here, t, row))
+    return found
 
 
 def _bent(position: Vector, mask: Vector) -> Vector:
@@ -325,6 +326,10 @@ def short_gaps(mask: Vector) -> list[Stretch]:
 
 def _covered(grid: Vector, t: Vector, dt: float) -> Vector:
     """Return 1 where a sample lies within `_GAP` - 1 periods of the grid point, else 0."""
-    place = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
-    distance: NDArray[np.float64] = np.minimum(np.abs(grid - t[place - 1]), np.abs(t[place] - grid))
-    return (distance <= (_GAP - 1.0) * dt).astype(np.float64)
+    found = np.empty(grid.size)
+    for part in pieces(grid.size):
+        here = grid[part]
+        place = np.clip(np.searchsorted(t, here), 1, t.size - 1)
+        distance = np.minimum(np.abs(here - t[place - 1]), np.abs(t[place] - here))
+        found[part] = distance <= (_GAP - 1.0) * dt
+    return found

@@ -6,6 +6,7 @@ ill-conditioned where the window has a thousand samples.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import perm
 
 import numpy as np
@@ -18,6 +19,18 @@ _FAST = np.unique(
      if 2**i * 3**j * 5**k < 2**32]
 )  # fmt: skip
 """Lengths of fast Fourier transforms: their largest prime factor is 5."""
+
+_AT_ONCE = 100_000
+"""Samples worked on together where a step between takes several times their memory."""
+
+
+def pieces(size: int) -> Iterator[slice]:
+    """Give the places of `size` samples piece by piece: what is computed of each needs no others.
+
+    Of an hour at 1 kHz every row that is made on the way would take 29 MB.
+    """
+    for first in range(0, size, _AT_ONCE):
+        yield slice(first, min(first + _AT_ONCE, size))
 
 
 def fast_length(least: int) -> int:
@@ -118,11 +131,15 @@ def spline(places: Vector, t: Vector, row: Vector) -> Vector:
     bent = np.zeros(t.size)
     bent[1:-1] = 6.0 * np.diff(slope)
     _solve_tridiagonal(step, 2.0 * (step[1:] + step[:-1]), bent[1:-1])
-    i = np.clip(np.searchsorted(t, places, side="right") - 1, 0, t.size - 2)
-    x, h = places - t[i], step[i]
-    first = slope[i] - h * (2.0 * bent[i] + bent[i + 1]) / 6.0
-    third = (bent[i + 1] - bent[i]) / (6.0 * h)
-    return np.asarray(row[i] + x * (first + x * (0.5 * bent[i] + x * third)), dtype=np.float64)
+    found = np.empty(places.size)
+    for part in pieces(places.size):
+        here = places[part]
+        i = np.clip(np.searchsorted(t, here, side="right") - 1, 0, t.size - 2)
+        x, h = here - t[i], step[i]
+        first = slope[i] - h * (2.0 * bent[i] + bent[i + 1]) / 6.0
+        third = (bent[i + 1] - bent[i]) / (6.0 * h)
+        found[part] = row[i] + x * (first + x * (0.5 * bent[i] + x * third))
+    return found
 
 
 @kernel

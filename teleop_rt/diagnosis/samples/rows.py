@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
-from teleop_rt.diagnosis.samples.filters import running_rank
+from teleop_rt.diagnosis.samples.filters import pieces, running_rank
 
 OUTLIERS = "outliers"  # name of the effect of isolated wrong samples
 MAD_PER_DEVIATION = 0.6745  # median absolute deviation of a normal distribution of deviation 1
@@ -85,11 +85,15 @@ def lone(row: Vector) -> NDArray[np.bool_]:
 
     No tool is there for one sample, and derivatives would spread it over many.
     """
-    around = np.array([np.roll(row, shift) for shift in (2, 1, -1, -2)])
-    away, spread = np.abs(row - np.median(around, axis=0)), np.ptp(around, axis=0)
-    found = away > np.maximum(_LONE_SPREADS * spread, _LONE_RANGE * np.ptp(row))
-    found[:2] = found[-2:] = False
-    return np.asarray(found, dtype=np.bool_)
+    found, least = np.zeros(row.size, dtype=np.bool_), _LONE_RANGE * np.ptp(row)
+    for part in pieces(max(0, row.size - 4)):
+        before2, before, at, after, after2 = (
+            row[part.start + shift : part.stop + shift] for shift in range(5)
+        )
+        around = np.array([before2, before, after, after2])
+        away, spread = np.abs(at - np.median(around, axis=0)), np.ptp(around, axis=0)
+        found[part.start + 2 : part.stop + 2] = away > np.maximum(_LONE_SPREADS * spread, least)
+    return found
 
 
 def without_lone(row: Vector) -> Vector:
