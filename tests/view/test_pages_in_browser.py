@@ -135,13 +135,13 @@ PLOT = "Bokeh.documents.at(-1).get_model_by_name"
 NAMES = ("report", "compare", "loop", "diagnosis", "excitation", "delay")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", NAMES, scope="module")  # both look at a page while it is open
 def test_a_page_fits_its_window_and_has_names_contrast_and_no_network(chromium, pages, name):
     assert page_failures(chromium, pages[name]) == []
     assert pages[name].stat().st_size < 5_000_000
 
 
-@pytest.mark.parametrize("name", NAMES[:4])
+@pytest.mark.parametrize("name", NAMES[:4], scope="module")
 def test_every_figure_of_a_page_is_drawn(chromium, pages, name):
     look(chromium, pages[name], 400)
     shown = "return [...document.querySelectorAll('.screen > div')].map(d => d.offsetHeight)"
