@@ -213,6 +213,12 @@ def test_a_hand_that_falls_onto_the_leash_is_not_thrown_back_and_forth():
     assert found["holds"], found
 
 
+def test_a_tool_that_was_turned_back_in_a_damped_body_does_not_return_at_its_fastest():
+    """A body of Hunt and Crossley, 370 N s/m deep: the way back in had 1.23 of the tool's cap."""
+    found = campaign_hands.run(615196, 4.0)
+    assert campaign_hands.tool_is_kept(found), found
+
+
 def test_only_swings_as_large_as_those_seen_are_the_hands_own(monkeypatch):
     trial, t = trial_of(2), np.arange(3000) * T
     truth = np.zeros((t.size, 6))

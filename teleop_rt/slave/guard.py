@@ -11,22 +11,23 @@ provisional wall: then the tool goes no deeper from a share of the cap on, which
 the force that a stiff wall adds until the drive stands.
 
 A model follows a wall that stiffens only later, so the cap is also kept by measurement. A force f
-at the depth d gives the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at
-d DEPTH_SHARE cap/f: the target goes no deeper, and above the cap it is at once at least a step of
-the retreat in front of the tool. A wall that stiffens with depth is far steeper ahead than its
-secant, so the tool goes no further than the slope that was measured last, taken AHEAD times, leaves
-room for, by the force as it will be once a command has turned the drive. A tool that moves at v
-goes v TURN_S further whatever is commanded, so the command uses what is left of that room no faster
-than in TURN_S: at a jump of the target, a locking foam is met slowly enough to be turned in. The
-slope sets the pace alone: wherever it is more than half of the true one, the force settles at the
-same share of the cap. Steeper slopes and secants count at once, softer ones as their memory fades:
-while the tool draws back, damping makes the wall look soft. A slope fades only where another is
-measured: a tool that stands at the cap learns nothing, and would ring each time it has forgotten.
-A tool that is pressed before the surface that is known stands in a body that has come nearer: no
-secant is known then, and a slope may be the body's own motion, so the rig's stiffest wall is
-expected. No guard can prevent the force of a wall that becomes stiffer around the tool, or the
-depth added until a sample shows it and the drive, commanded to go in at v, has reversed:
-F <= max(cap, F_found + k (v t_turn + v²/2a)).
+at the depth d gives the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at d DEPTH_SHARE
+cap/f: the target goes no deeper, and above the cap it is at once at least a step of the retreat in
+front of the tool. A wall that stiffens with depth is far steeper ahead than its secant, so the tool
+goes no further than the slope that was measured last, taken AHEAD times, leaves room for, by the
+force as it will be once a command has turned the drive. A tool that moves at v goes v TURN_S
+further whatever is commanded, so the command uses what is left of that room no faster than in
+TURN_S: at a jump of the target, a locking foam is met slowly enough to be turned in. The room
+counts from the tool, or from the command where the tool is still to be drawn back to it: its way
+back into a damped body is force, too. The slope sets the pace alone: wherever it is more than half
+of the true one, the force settles at the same share of the cap. Steeper slopes and secants count at
+once, softer ones as their memory fades: while the tool draws back, damping makes the wall look
+soft. A slope fades only where another is measured: a tool that stands at the cap learns nothing,
+and would ring each time it has forgotten. A tool that is pressed before the surface that is known
+stands in a body that has come nearer: no secant is known then, and a slope may be the body's own
+motion, so the rig's stiffest wall is expected. No guard can prevent the force of a wall that
+becomes stiffer around the tool, or the depth added until a sample shows it and the drive, commanded
+to go in at v, has reversed: F <= max(cap, F_found + k (v t_turn + v²/2a)).
 """
 
 from __future__ import annotations
@@ -159,7 +160,7 @@ def guarded(
         steep = max(steep, t.stiffest)
     if steep > 0.0 and ahead > PROBING_SHARE * t.force_cap:
         room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
-        left = position + room - command
+        left = room - max(0.0, command - position)
         if left > 0.0:
             left = stopping_speed(left, TURN_S, t.acceleration) * t.period_s
         target = min(target, command + left)

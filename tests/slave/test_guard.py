@@ -70,9 +70,9 @@ def test_above_the_cap_the_tool_is_drawn_back_from_where_it_is_not_from_where_it
     assert update(guard(), 0.05, force=89.0, **unknown) == 0.05
 
 
-def paced(deepest, command=0.01):
-    """Where a command of 0.01 goes in a tick of 1 ms: a fifth of the way, for a turn takes 5 ms."""
-    return command + (deepest - command) / 5
+def paced(room, command):
+    """Where a command goes in a tick of 1 ms: a fifth of its room, for a turn takes 5 ms."""
+    return command + room / 5
 
 
 def test_half_of_the_room_by_the_steepest_slope_is_left_and_a_softer_one_counts_slowly():
@@ -81,17 +81,22 @@ def test_half_of_the_room_by_the_steepest_slope_is_left_and_a_softer_one_counts_
     assert update(guarding, 0.5, force=20.0, position=0.02, **known) == 0.5, (
         "too little for a verdict"
     )
+    known |= {"position": 0.015, "command": 0.015}
     for _ in range(10):
-        last = update(guarding, 0.5, force=60.0, position=0.015, **known)
+        last = update(guarding, 0.5, force=60.0, **known)
     secant = 60 / 0.005
-    assert last == pytest.approx(paced(0.015 + (81 - 60) / (2 * secant)))
+    assert last == pytest.approx(paced((81 - 60) / (2 * secant), 0.015))
     for _ in range(10):
-        update(guarding, 0.5, force=30.0, position=0.015, **known)
+        update(guarding, 0.5, force=30.0, **known)
     for _ in range(1000):
-        last = update(guarding, 0.5, force=30.0, position=0.015, **known)
-    assert last == pytest.approx(paced(0.015 + (81 - 30) / (2 * 30 / 0.005)))
-    near = update(guarding, 0.5, force=30.0, position=0.015, **known | {"command": 0.03})
+        last = update(guarding, 0.5, force=30.0, **known)
+    assert last == pytest.approx(paced((81 - 30) / (2 * 30 / 0.005), 0.015))
+    near = update(guarding, 0.5, force=30.0, **known | {"command": 0.03})
     assert near == pytest.approx(0.015 + (81 - 30) / (2 * 30 / 0.005)), "beyond it, at once"
+    behind = update(guarding, 0.5, force=30.0, **known | {"command": 0.01})
+    assert behind == pytest.approx(paced((81 - 30) / (2 * 30 / 0.005), 0.01)), (
+        "a tool that was drawn back and is still to follow gives the command no way of its own"
+    )
 
 
 def test_a_tool_that_is_pressed_before_the_known_surface_expects_the_stiffest_wall_there():
