@@ -23,6 +23,7 @@ PROTOCOL = b"Noise_NNpsk0_25519_ChaChaPoly_SHA256"
 Body = bytes | memoryview
 KEY_BYTES = DH_BYTES = 32
 TAG_BYTES = 16
+"""Sizes of X25519 (RFC 7748) and of ChaCha20-Poly1305 (RFC 8439)."""
 pack_nonce = Struct("<4xQ").pack
 """The 12 bytes of a nonce, from its number."""
 X25519PrivateKey.generate()  # loads cryptography's backend now, not with a loop's first handshake

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 MAPS = Path("/proc/self/smaps")
-_MADV_POPULATE_WRITE = 23
+_MADV_POPULATE_WRITE = 23  # of sys/mman.h, since Linux 5.14
 
 
 def own_written_pages() -> int:

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from teleop_rt.errors import ExpectedError
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 _LOOK_EVERY_S = 0.5
 """Period in which a process checks its parent where the kernel sends no signal."""
 

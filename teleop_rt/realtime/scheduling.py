@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import errno
 import gc
+import mmap
 import os
 import resource
 import struct
@@ -23,15 +24,14 @@ from teleop_rt.shipped import EXAMPLES
 FIFO, LOCKED, PINNED = "SCHED_FIFO", "mlockall", "core {} alone"
 """Names of privileges that other modules use."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+# Of linux/prctl.h and linux/capability.h, which Python does not have.
 _PR_SET_TIMERSLACK = 29
-_RESET_ON_FORK = 0x40000000
 _CAP_IPC_LOCK = 14
 DMA_LATENCY = "/dev/cpu_dma_latency"
 STATUS = Path("/proc/self/status")
 _MAP_FIELDS = 5
 """Permissions, offset, device, inode and file of a mapping, beside its addresses."""
 _COMPILER = "libllvmlite"
-_MADV_DONTNEED = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ def give_back_compiler() -> int:
         madvise = ctypes.CDLL(None).madvise
         for start, end in unwritten(MAPS.read_text(encoding="utf-8"), _COMPILER):
             place, length = ctypes.c_void_p(start), ctypes.c_size_t(end - start)
-            if madvise(place, length, _MADV_DONTNEED) == 0:
+            if madvise(place, length, mmap.MADV_DONTNEED) == 0:
                 given += end - start
     return given
 
@@ -143,12 +143,12 @@ def _fifo(priority: int) -> Privilege:
     how = f"sudo setcap cap_sys_nice+ep {python}, or LimitRTPRIO= in the service"
     name = FIFO
     try:
-        policy = os.sched_getscheduler(0) & ~_RESET_ON_FORK
+        policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
         present = os.sched_getparam(0).sched_priority
         if policy == os.SCHED_FIFO and present == priority:
             return Privilege(name, granted=True, reason="by whoever started it", how_to_grant=how)
         # What is started from here is not to inherit the priority, and stand in the loop's way.
-        os.sched_setscheduler(0, os.SCHED_FIFO | _RESET_ON_FORK, os.sched_param(priority))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except AttributeError:
         return _none_here(name)
     except OSError as error:

@@ -59,7 +59,7 @@ _error = _error_of_c_library()
 _FLAGS, _SEND_FLAGS = socket.MSG_DONTWAIT, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 _MONOTONIC = time.CLOCK_MONOTONIC
 _COUNT_WAITING = termios.FIONREAD
-_COUNT_BYTES = 4
+_COUNT_BYTES = 4  # FIONREAD writes a C int
 _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
 

@@ -34,7 +34,7 @@ PAUSES_S = (0.0, 0.1, 0.2, 0.5, 1.0)
 CALM_S = 60.0
 """A helper that has run for so long is as good as new: its pauses begin again."""
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
-_PR_SET_NAME = 15
+_PR_SET_NAME = 15  # of linux/prctl.h
 
 Main = Callable[[Sequence[str]], None]
 

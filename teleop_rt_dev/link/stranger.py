@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 LOOPBACK = "127.0.0.1"
 PORTS = 8
-LONGEST = 65507
+LONGEST = 65507  # bytes of a datagram of UDP over IPv4
 COUNTER = slice(12, 20)
 """Where a sniffer sees a number that grows by one from packet to packet."""
 COOKIE_BYTES = 16

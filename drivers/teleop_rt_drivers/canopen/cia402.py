@@ -19,6 +19,7 @@ ACTUAL_TORQUE = "0x6077"
 PER_RATED = 1000
 """Torques are in thousandths of the rated one."""
 
+# Commands of the controlword.
 DISABLE_VOLTAGE = 0x0000
 QUICK_STOP = 0x0002
 SHUTDOWN = 0x0006
@@ -41,6 +42,7 @@ class Cia402State(IntEnum):
 
 
 _BY_LOW_BITS = {state.value: state for state in Cia402State}
+# Bits of the statusword that a state is read from; some states leave bit 5 open.
 _WITHOUT_QUICK_STOP_BIT = 0x4F
 _WITH_QUICK_STOP_BIT = 0x6F
 

@@ -19,7 +19,7 @@ from teleop_rt_drivers.canopen.entries import address
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.node_config import NodeConfig, PdoConfig
 
-COB_ID_MASK = 0x7FF
+COB_ID_MASK = 0x7FF  # the 11 bits of an identifier; flags are above them
 
 
 def load(name: str, node_id: int) -> ObjectDictionary:

@@ -10,8 +10,7 @@ import can
 
 from teleop_rt_drivers.actuators.part import ActuatorPart
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
-from teleop_rt_drivers.simulated.can_network import BUS_OFF_CLASS
-from teleop_rt_drivers.simulated.faults import break_bus, break_drive, mend_bus
+from teleop_rt_drivers.simulated.faults import BUS_OFF_CLASS, break_bus, break_drive, mend_bus
 from teleop_rt_drivers.simulated.mit_motors import simulated_motor
 from teleop_rt_drivers.simulated.moteus import SimulatedMoteus
 from teleop_rt_drivers.simulated.odrive import SimulatedOdrive

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import can
 
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
-from teleop_rt_drivers.simulated.faults import break_bus, break_drive, mend_bus
+from teleop_rt_drivers.simulated.faults import BUS_OFF_CLASS, break_bus, break_drive, mend_bus
 from teleop_rt_drivers.simulated.frame_devices import (
     INT32,
     FramedServo,
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
 ENCODER_ID, FORCE_ID, STATUS_ID, COMMAND_ID = 0x100, 0x101, 0x102, 0x103
-BUS_OFF_CLASS = 0x040
 
 
 class CanNetwork:

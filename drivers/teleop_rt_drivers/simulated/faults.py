@@ -21,7 +21,7 @@ LASTING: tuple[str, ...] = get_args(LastingFault)
 SINGLE: tuple[str, ...] = get_args(SingleFault)
 DRIVE_FAULTS = ("refuse_enable", "over_temperature")
 PDO_IDS = range(0x180, 0x580)
-BUS_OFF_CLASS = 0x040
+BUS_OFF_CLASS = 0x040  # of an error frame, as in linux/can/error.h
 
 
 def break_bus(fault: str, bus: can.BusABC) -> bool:
