@@ -237,7 +237,7 @@ def keep(one: index.StateArray, signals: Vector, theta: Matrix, status: Vector) 
     signals[7] = state.motion[index.MF]
     for r in range(theta.shape[0]):
         status[r] = state.bank[r, layout.STATUS]
-        for j in range(layout.MAX_PARAMETERS):
+        for j in range(theta.shape[1]):
             theta[r, j] = state.bank[r, layout.THETA + j]
 
 
@@ -264,7 +264,7 @@ def run_ticks(
     positions, forces, valids (samples,), empty for one tick; every `decimate`-th state is kept in
     signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration and
     velocity, selected row, its predicted force, force, all through one filter; theta (kept, rows,
-    MAX_PARAMETERS) scaled; status (kept, rows).
+    the most parameters of a row) scaled; status (kept, rows).
     """
     recorded = len(positions)
     for i in range(max(recorded, 1)):  # the code of a tick stands here once: it is large

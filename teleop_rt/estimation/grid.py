@@ -61,13 +61,14 @@ def with_gaps(
     stamps = stamp_ns[valid]
     if stamps.size == 0 or np.max(np.diff(stamps), initial=0.0) < (2 - EARLY_SHARE) * period_ns:
         return position, force, valid
-    grid, gaps = SampleGrid(period_ns), np.zeros(len(position), dtype=np.int64)
+    grid, place = SampleGrid(period_ns), np.ones(len(position), dtype=np.int64)
+    place[0] = 0
     for index in range(len(position)):
         if valid[index]:
-            gaps[index] = grid.gap(int(stamp_ns[index]))
+            place[index] += grid.gap(int(stamp_ns[index]))
         else:
             grid.passed()
-    place = np.arange(len(position)) + np.cumsum(gaps)
+    np.cumsum(place, out=place)
     size = int(place[-1]) + 1
     filled = np.zeros(size, dtype=np.bool_)
     filled[place] = valid

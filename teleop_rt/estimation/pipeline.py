@@ -205,7 +205,7 @@ class Pipeline:
         """
         kept, count = len(position) // decimate, len(self.rows)
         signals = np.zeros((kept, 8))
-        theta = np.zeros((kept, count, self.theta.shape[1]))
+        theta = np.zeros((kept, count, max(len(traced(row)) for row in self.rows)))
         status = np.zeros((kept, count))
         p = np.ascontiguousarray(position, dtype=np.float64)
         f = np.ascontiguousarray(force, dtype=np.float64)

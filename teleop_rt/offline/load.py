@@ -73,8 +73,8 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
     return Online(
         settings=settings,
         rows=rows,
-        position=samples.position,
-        force=samples.force,
+        position=samples.position.copy(),  # not views, which would hold every other column
+        force=samples.force.copy(),
         valid=samples.valid,
         units=(metadata["position_unit"], metadata["force_unit"]),
     )
