@@ -19,7 +19,7 @@ from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.framed.format import SIZE, BinaryFormat, load_format
 from teleop_rt_drivers.framed.remainder import check_of, new_check
 from teleop_rt_drivers.framed.serial_port import SerialPort
-from teleop_rt_drivers.framed.signal import Signal
+from teleop_rt_drivers.framed.signal import MeasuredSignal
 from teleop_rt_drivers.framed.signal_config import ClockConfig, PositionSignal, StatusConfig
 from teleop_rt_drivers.framed.source import Source
 from teleop_rt_drivers.framed.stream import DescriptorStream, StreamGoneError
@@ -64,7 +64,7 @@ class Listener:
             clock=ClockConfig(field="u16", tick_s=1e-6, bits=16),
         )  # fmt: skip
         self.parser = BinaryParser(format_, source, self.counters)
-        self.signal = Signal("position", config, source, SCALE, PLAUSIBLE, self.counters)
+        self.signal = MeasuredSignal("position", config, source, SCALE, PLAUSIBLE, self.counters)
         self.signal.reset(0)
         source.listen(lambda values, now_ns: self.heard.append(([*map(float, values)], now_ns)))
         self.parser.reset()
@@ -135,7 +135,7 @@ def test_a_value_that_is_no_number_is_refused_by_kernels(word):
     source, counters = Source("wrench", binary_fields(format_)), new_counters()
     parser = BinaryParser(format_, source, counters)
     config = PositionSignal(source="wrench", field="fz")
-    signal = Signal("force", config, source, SCALE, PLAUSIBLE, counters)
+    signal = MeasuredSignal("force", config, source, SCALE, PLAUSIBLE, counters)
     parser.reset()
     body = struct.pack("<H6IIf", 0, 0, 0, word, 0, 0, 0, 7, 0.0)
     parser.feed(b"\xaa" + body + struct.pack("<H", checksum("crc16-x25")[0](body)), MS)

@@ -11,7 +11,7 @@ from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig
-from teleop_rt_drivers.framed.signal import Signal, Switch
+from teleop_rt_drivers.framed.signal import MeasuredSignal, Switch
 from teleop_rt_drivers.framed.stream import keep_arrivals
 from teleop_rt_drivers.quantity import plausible_force, plausible_position
 from teleop_rt_drivers.transport import serial_transport, timing_of
@@ -70,7 +70,7 @@ class FramedAxis:
         self._configured = False
         self._watching = False
 
-    def _make_position(self, ports: Mapping[str, Port]) -> Signal | None:
+    def _make_position(self, ports: Mapping[str, Port]) -> MeasuredSignal | None:
         if (config := self._config.position) is None:
             return None
         source, unit = _source(ports, config.source), self._rig.units.position
@@ -78,9 +78,9 @@ class FramedAxis:
         scale = source.scale(config.field, unit, config.scale, config.sign, config.offset, key)
         bounds, held_ms = plausible_position(self._rig), config.held_ms(self._rig.rate_hz)
         name = f"position from {source.name}"
-        return Signal(name, config, source, scale, bounds, self.counters, held_ms)
+        return MeasuredSignal(name, config, source, scale, bounds, self.counters, held_ms)
 
-    def _make_force(self, ports: Mapping[str, Port]) -> Signal | None:
+    def _make_force(self, ports: Mapping[str, Port]) -> MeasuredSignal | None:
         if (config := self._config.force) is None:
             return None
         source, unit = _source(ports, config.source), self._rig.units.force
@@ -88,7 +88,7 @@ class FramedAxis:
         scale = source.scale(config.field, unit, config.scale, config.sign, config.offset, key)
         bounds, held_ms = plausible_force(self._rig), config.held_ms(self._rig.rate_hz)
         name = f"force from {source.name}"
-        return Signal(name, config, source, scale, bounds, self.counters, held_ms)
+        return MeasuredSignal(name, config, source, scale, bounds, self.counters, held_ms)
 
     def _make_drive(self, config: FramedDriveConfig, ports: Mapping[str, Port]) -> FramedDrive:
         port, answer = _port_that_sends(ports, config.command), _source(ports, config.answer)

@@ -35,7 +35,7 @@ class Switch:
         self.closed = math.isfinite(bits) and bool(int(bits) & self._mask) != self._inverted
 
 
-class Signal:
+class MeasuredSignal:
     """One value of the rig, from the newest frame that passed every check.
 
     `value` [rig unit] and `stamp_ns` change only in `settle`; so does whether the value is `usable`
