@@ -105,7 +105,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "misfit as tolerance": ("inference.verdict:_tolerance", always(0.0)),
     "doubt in the noise": ("inference.verdict:_scaled_by_doubt", second),
     "confirmed unweighted": ("inference.unweighted:confirmed_unweighted", first),
-    "confirmed on blocks": ("answers.errors:explained", always(1.0)),
+    "confirmed on blocks": ("inference.on_blocks:OnBlocks.confirm", always(value=True)),
     "beside the unknown": ("inference.discrepancy:needs_unknown_remainder", NEVER),
     "empty extension of a set": ("inference.explanation:_special_case_fits_as_well", NEVER),
     "no name that fits no better": ("inference.explanation:_named_set_fits_as_well", NEVER),

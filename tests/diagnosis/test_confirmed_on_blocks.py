@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.layout import Layout
@@ -50,3 +51,17 @@ def test_a_weight_that_raises_the_error_of_a_rigid_block_is_not_named() -> None:
     recording = load(Path(DATA) / "tue_teleop" / "run_a_rigid.csv", layout)
     answer = diagnose(recording).answer
     assert "gravity_torque" not in {effect["name"] for effect in answer["effects"]}
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_tone_that_follows_a_rattle_is_not_named(seed: int) -> None:
+    """A resonance that play excites is a narrow band of noise, and no tone predicts its phase."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(4000) / 400.0
+    x = 4e-3 * np.sin(2.0 * np.pi * 0.4 * t) + 1e-3 * np.sin(2.0 * np.pi * 1.3 * t + 1.0) + 1e-3
+    v = np.gradient(x, t)
+    rattle = lfilter([1.0], [1.0, -1.7, 0.9], rng.standard_normal(t.size) * (np.abs(v) > np.std(v)))
+    force = np.maximum(2000.0 * x + 20.0 * v, 0.0) * (x > 0.0)
+    force += 0.4 * rattle / np.std(rattle) + 0.02 * rng.standard_normal(t.size)
+    answer = diagnose(from_arrays("rattle", t, x, force), surface=0.0).answer
+    assert "periodic_disturbance" not in {effect["name"] for effect in answer["effects"]}

@@ -40,28 +40,24 @@ class Blocks:
     base: Fit
 
     @cached_property
-    def before(self) -> Vector:
-        """The force that the base alone predicts."""
-        return held_out.cross_predict(self.plain, self.base)
-
-    @cached_property
-    def _known(self) -> list[tuple[Fit, Vector]]:
+    def _known(self) -> list[tuple[Problem, Fit, Vector]]:
         return []
 
-    def _after(self, fit: Fit) -> Vector:
-        for known, force in self._known:
-            if known is fit:
+    def force(self, problem: Problem, fit: Fit) -> Vector:
+        """Return the force that refits by a problem's weights predict."""
+        for weights, known, force in self._known:
+            if weights is problem and known is fit:
                 return force
-        force = self.before if fit is self.base else held_out.cross_predict(self.problem, fit)
-        self._known.append((fit, force))
+        force = held_out.cross_predict(problem, fit)
+        self._known.append((problem, fit, force))
         return force
 
     def predicted(self, best: Fit, noise: float) -> HeldOut:
         """Return the prediction; `noise` is the deviation that a perfect model would leave."""
+        before = self.force(self.plain, self.base)
+        after = before if best is self.base else self.force(self.problem, best)
         where = held_out.counted(self.problem, self.base)
-        return HeldOut(
-            "held-out blocks", self.problem.force, self.before, self._after(best), where, noise
-        )
+        return HeldOut("held-out blocks", self.problem.force, before, after, where, noise)
 
 
 def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:

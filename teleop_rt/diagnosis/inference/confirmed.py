@@ -8,16 +8,17 @@ from functools import partial
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.answers.errors import Blocks, explained
-from teleop_rt.diagnosis.criteria import CONFIRMED_SHARE, REDRAWN_NOISE_RATIO, SECOND_SHARE
+from teleop_rt.diagnosis.answers.errors import Blocks
+from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.discrepancy import (
     judge_with_unknown_remainder,
     needs_unknown_remainder,
 )
 from teleop_rt.diagnosis.inference.explanation import likelihoods
+from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, in_rounds
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
-from teleop_rt.diagnosis.inference.verdict import Ranked, Verdict, leaves_structure
+from teleop_rt.diagnosis.inference.verdict import leaves_structure
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit
@@ -83,27 +84,15 @@ def _judged(
 def _confirmed_on_blocks(
     weighed: Diagnosis, plain: Diagnosis, found: Diagnosis, lost: list[Stretch]
 ) -> Judged:
-    """Return the judgement without sets that held-out blocks contradict.
+    """Return the judgement, or "unexplained" if held-out blocks do not confirm its best set.
 
-    A set that leaves structure, and more than the form error of any law, fits the samples that it
-    has seen; only unseen ones show whether it describes the body.
+    The other sets of a class fit no better, and are not named in its place.
     """
-    blocks, noise = Blocks(plain.problem, found.problem, plain.base), noise_of(weighed)
-    judgement = found.judgement
-    base = root_mean_square(plain, plain.base)
-
-    def explains(ranked: Ranked) -> bool:
-        exact = root_mean_square(found, ranked.fit) ** 2 <= SECOND_SHARE * base**2
-        if exact or not leaves_structure(ranked.left, judgement.floor):
-            return True
-        return explained(blocks.predicted(ranked.fit, noise)) >= CONFIRMED_SHARE
-
-    if judgement.sets and not explains(judgement.sets[0]):
-        sets = tuple(filter(explains, judgement.sets[1:]))
-        complete: Verdict = "named" if len(sets) == 1 else "class"
-        verdict = judgement.verdict if judgement.verdict == "partial" else complete
-        judgement = replace(judgement, verdict=verdict if sets else "unexplained", sets=sets)
-    return Judged(weighed, plain, replace(found, judgement=judgement), lost, blocks)
+    blocks, judgement = Blocks(plain.problem, found.problem, plain.base), found.judgement
+    on_blocks = OnBlocks(found, plain, blocks, noise_of(weighed))
+    if judgement.sets and not on_blocks.confirm(judgement.sets[0]):
+        found = replace(found, judgement=replace(judgement, verdict="unexplained", sets=()))
+    return Judged(weighed, plain, found, lost, blocks)
 
 
 def _confirmed(

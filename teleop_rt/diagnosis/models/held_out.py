@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
@@ -95,6 +96,11 @@ def _with_prior(problem: Problem, whole: Problem, fit: Fit) -> Fit:
     return replace(fit, theta=theta)
 
 
+def folds(size: int) -> NDArray[np.intp]:
+    """Return the fold in which each sample of a record is hidden."""
+    return np.asarray(np.arange(size) * BLOCKS // size % FOLDS, dtype=np.intp)
+
+
 def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     """Return the force predicted for each block by parameters fitted without it.
 
@@ -106,7 +112,7 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     problem, fit = replace(problem, force=problem.force - before), fit.elsewhere
     whole = problem.whitener
     size = problem.force.size
-    fold = (np.arange(size) * BLOCKS // size) % FOLDS
+    fold = folds(size)
     predicted = np.zeros(size)
     for number in range(FOLDS):
         kept = whole.mask * (fold != number)

@@ -1,0 +1,75 @@
+"""Whether held-out blocks confirm a set: they have the last word on a name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.answers.errors import Blocks, explained
+from teleop_rt.diagnosis.criteria import CONFIRMED_SHARE, SECOND_SHARE
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.verdict import Ranked, leaves_structure
+from teleop_rt.diagnosis.models import held_out
+from teleop_rt.diagnosis.models.fit import Fit
+
+_ONE_FOLD = 0.5
+"""Of the energy of a set's force: if one fold hides more, the fit of that fold has not seen it."""
+
+
+@dataclass(frozen=True)
+class OnBlocks:
+    """The judgement of sets by the `blocks` of a recording.
+
+    `found` is the judgement, `plain` the one with equal weights on all frequencies, and `noise` the
+    deviation that a perfect model would leave [rig's force].
+    """
+
+    found: Diagnosis
+    plain: Diagnosis
+    blocks: Blocks
+    noise: float
+
+    def confirm(self, ranked: Ranked) -> bool:
+        """Return whether a set predicts blocks that its fit has not seen.
+
+        A set that leaves less than the form error of any law needs no confirmation. Any other must
+        keep half of its gain in whitened energy; a law that absorbs slow noise, or a tone that
+        follows a narrow band of noise, does not. One that leaves structure must also explain half
+        of the base's excess. A law that a single press shows is hidden from the fit with the block
+        of that press; it needs no confirmation if it leaves no structure.
+        """
+        base = _mean_square(self.plain, self.plain.base)
+        if _mean_square(self.found, ranked.fit) <= SECOND_SHARE * base:
+            return True
+        if leaves_structure(ranked.left, self.found.judgement.floor):
+            unseen = self.blocks.predicted(ranked.fit, self.noise)
+            return explained(unseen) >= CONFIRMED_SHARE and self._keeps_its_gain(ranked.fit)
+        return self._acts_in_one_fold(ranked.fit) or self._keeps_its_gain(ranked.fit)
+
+    def _keeps_its_gain(self, fit: Fit) -> bool:
+        problem, base = self.found.problem, self.found.base
+        unseen, seen = (
+            self._energy(predicted(problem, base)) - self._energy(predicted(problem, fit))
+            for predicted in (self.blocks.force, held_out.predict)
+        )
+        return unseen >= CONFIRMED_SHARE * seen
+
+    def _energy(self, predicted: Vector) -> float:
+        """Return the whitened energy of what a prediction leaves [chi-square]."""
+        rest = self.found.problem.whitener(self.found.problem.force - predicted)
+        return float(rest @ rest)
+
+    def _acts_in_one_fold(self, fit: Fit) -> bool:
+        problem = self.found.problem
+        added, base = (held_out.predict(problem, one) for one in (fit, self.found.base))
+        energy = (added - base) ** 2 * problem.whitener.mask
+        by_fold = np.bincount(held_out.folds(energy.size), energy, held_out.FOLDS)
+        return float(np.max(by_fold)) > _ONE_FOLD * float(np.sum(by_fold))
+
+
+def _mean_square(found: Diagnosis, fit: Fit) -> float:
+    where = held_out.counted(found.problem, found.base) > 0.0
+    rest = (found.problem.force - held_out.predict(found.problem, fit))[where]
+    return float(np.mean(rest**2))
