@@ -151,7 +151,8 @@ class WallIntake:
         if depth is not None:
             self.withdrawn += 1
             self._free_to = depth
-            self._adopt(replace(adoption.newest, surface=depth), hand, lasts_s=WITHDRAWN_S)
+            withdrawn = replace(adoption.newest, surface=depth)
+            self._adopt(withdrawn, hand, lasts_s=WITHDRAWN_S, passive=True)
 
     def _reflect(self, state: StateMessage, hand: float, round_trip_s: float) -> None:
         """Render the slave's force by a spring that moves with it, or the touch's wall from now on.
@@ -171,30 +172,37 @@ class WallIntake:
             self.provisional = self._adopt(self._touch.wall, hand)
 
     def _adopt(
-        self, wall: Wall, hand: float, *, gives_way: bool = False, lasts_s: float | None = None
+        self,
+        wall: Wall,
+        hand: float,
+        *,
+        gives_way: bool = False,
+        lasts_s: float | None = None,
+        passive: bool = False,
     ) -> bool:
         """Offer a wall as far as the device can render it, at the hand if it is not felt yet.
 
-        One that `gives_way` is blended in, and the tool stays. Returns false where it is refused.
+        One that `gives_way` is blended in, and the tool stays. One that is `passive` is rendered as
+        it is: the limiter has returned it before. Returns false where it is refused.
         """
         adoption, before = self._adoption, self._x(hand)
-        passive = self._limiter.apply(wall)
+        rendered = wall if passive else self._limiter.apply(wall)
         if self._refuses and self._limiter.rendered_bound.reduced:
             self.refused += 1
             return False
         self.reflecting = False
-        if passive != adoption.newest:
+        if rendered != adoption.newest:
             felt = adoption.holds(before)
             if (
                 felt
-                and not (passive.bilateral or gives_way)
-                and (self.provisional or not adoption.affords(passive, before))
+                and not (rendered.bilateral or gives_way)
+                and (self.provisional or not adoption.affords(rendered, before))
             ):
-                self._offer_placed(passive, hand)
+                self._offer_placed(rendered, hand)
             else:
                 if not felt:
-                    self._registration.adopt_at_hand(hand, passive)
-                adoption.offer(passive, lasts_s)
+                    self._registration.adopt_at_hand(hand, rendered)
+                adoption.offer(rendered, lasts_s)
             self.provisional = False
         return True
 

@@ -38,7 +38,9 @@ def knee_of(k: float, n: float, stiffest: float) -> float:
         return math.inf
     if n == 1.0:
         return 0.0 if k > stiffest else math.inf
-    logarithm = math.log(stiffest / (n * k)) / (n - 1)
+    if stiffest <= 0.0:
+        return 0.0
+    logarithm = (math.log(stiffest) - math.log(n * k)) / (n - 1)
     return math.exp(logarithm) if logarithm < _LARGEST_LOGARITHM else math.inf
 
 

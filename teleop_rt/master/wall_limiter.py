@@ -58,15 +58,24 @@ def largest_slopes(wall: Wall, force_max: float, velocity_max: float) -> tuple[f
 
 
 def _slopes_of_model(wall: Wall, force_max: float, velocity_max: float) -> tuple[float, float]:
+    spring, of_damping, damping = _parts_of_model(wall, force_max, velocity_max)
+    return spring + of_damping, damping
+
+
+def _parts_of_model(
+    wall: Wall, force_max: float, velocity_max: float
+) -> tuple[float, float, float]:
+    """Return the largest slopes of the spring, of the damping with depth, and with speed.
+
+    They are found apart: beside a large damping, a difference would lose the spring's.
+    """
     if wall.k <= 0 or (wall.n == 1 and not wall.damping_power):
-        return wall.k, wall.b
+        return wall.k, 0.0, wall.b
     depth = depth_of(force_max, wall.k, wall.n)
-    stiffness = min(wall.stiffest, spring_slope(depth, wall.k, wall.n))
-    depth = min(depth, wall.damped_depth)
-    if wall.damping_power:
-        p = wall.damping_power
-        stiffness += p * wall.b * depth ** (p - 1) * velocity_max
-    return stiffness, wall.b * depth**wall.damping_power
+    spring = min(wall.stiffest, spring_slope(depth, wall.k, wall.n))
+    depth, p = min(depth, wall.damped_depth), wall.damping_power
+    of_damping = p * wall.b * depth ** (p - 1) * velocity_max if p else 0.0
+    return spring, of_damping, wall.b * depth**p
 
 
 class WallLimiter:
@@ -105,9 +114,9 @@ class WallLimiter:
 
     def apply(self, wall: Wall) -> Wall:
         """Return the wall as it may be rendered: the same, or softer and less damped."""
-        stiffness, damping = largest_slopes(wall, self._force_max, self._velocity_max)
         if wall.damping_power and not wall.terms:
-            return self._bent(wall, stiffness, damping)
+            return self._bent(wall)
+        stiffness, damping = largest_slopes(wall, self._force_max, self._velocity_max)
         rendered_stiffness, rendered_damping = self._bound.reduce(stiffness, damping)
         calming = self._calming(stiffness, rendered_stiffness, rendered_damping)
         self._judge(stiffness, damping, rendered_stiffness, rendered_damping + calming)
@@ -128,7 +137,7 @@ class WallLimiter:
         self.rendered_bound = RenderedBound(stiffness, damping, soft, calm, needed)
         self.damping_room = self._bound.damping_max(soft) - calm
 
-    def _bent(self, wall: Wall, stiffness: float, damping: float) -> Wall:
+    def _bent(self, wall: Wall) -> Wall:
         """Return a Hunt-Crossley wall that is rendered as it is up to the slope of the bound.
 
         From there its spring is a straight line: scaled down as a whole, a wall that is stiff at
@@ -136,12 +145,12 @@ class WallLimiter:
         speed, is scaled to what the spring leaves.
         """
         deepest = depth_of(self._force_max, wall.k, wall.n) if wall.k > 0 else math.inf
-        of_damping = wall.damping_power * damping / deepest * self._velocity_max
-        own = stiffness - of_damping
+        own, of_damping, damping = _parts_of_model(wall, self._force_max, self._velocity_max)
         spring = self._bound.softened(own)
         calming = self._calming(own, spring, 0.0)
         calm = self._calm(spring, calming, of_damping, damping)
-        self._judge(stiffness, damping, spring + calm * of_damping, calm * damping + calming)
+        soft = spring + calm * of_damping
+        self._judge(own + of_damping, damping, soft, calm * damping + calming)
         if not self.rendered_bound.reduced:
             return wall
         bent = replace(wall, stiffest=spring, damped_depth=deepest)

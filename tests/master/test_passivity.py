@@ -195,6 +195,30 @@ def test_a_wall_too_stiff_at_depth_is_rendered_as_it_is_above(k: float, b: float
     assert wall.position_of(force[-1]) == pytest.approx(depths[-1])
 
 
+def test_a_wall_that_was_limited_before_may_be_limited_again() -> None:
+    """Its calming was taken for damping that grows with depth, which left a negative spring."""
+    once = Wall(
+        0.00909, 5450752.230522032, 2.3149915747711183, 1.962107672593025,
+        damping_power=1.962107672593025, stiffest=3989.0560661181958,
+        damped_depth=0.003855106945674473, calming=11.126095445084276,
+    )  # fmt: skip
+    again = WallLimiter(late_port(6.6, 0.001), 100.0, 1.5).apply(once)
+    assert again.stiffest == pytest.approx(once.stiffest, rel=0.1)
+
+
+@settings(deadline=None)
+@given(
+    st.floats(0, 1e12), st.floats(0, 1e15), st.one_of(st.just(1.0), st.floats(1, 5)),
+    st.floats(0, 50),
+)  # fmt: skip
+def test_no_wall_is_too_odd_to_be_limited(k: float, b: float, n: float, calming: float) -> None:
+    limiter = WallLimiter(DIFFERENCE, 100.0, 1.5)
+    wall = limiter.apply(Wall(0.0, k, b, n, damping_power=n, calming=calming))
+    forces = [wall.force(x, v) for x in (0.0, 1e-4, 0.02) for v in (-1.0, 0.0, 1.0)]
+    assert all(math.isfinite(force) for force in forces)
+    assert wall.elastic_force(0.02) >= 0.0
+
+
 def test_largest_slopes_match_finite_differences_of_the_force() -> None:
     wall = Wall(0.0, 1500.0, 50.0, 1.5, damping_power=1.5)
     depth = (100 / 1500) ** (1 / 1.5)
