@@ -62,3 +62,11 @@ def test_bias_and_inertia_appear_in_the_torque_of_a_lever_that_meets_nothing() -
     # A bias of the sensor and the lever's own weight differ little over a third of a radian.
     assert found["effects"][0]["family"] == "bias"
     assert found["error"]["after"] < 0.5 * found["error"]["before"]
+
+
+def test_a_bias_of_a_lever_is_no_drift_that_settles_at_once() -> None:
+    """Both were named, the drift first, whose model another recording of the lever withdrew."""
+    columns = {"time": "t_s", "position": "xs_rad", "force": "Fe_Nm"}
+    layout = Layout(columns, {"position": "rad", "force": "Nm"})
+    found = diagnose(load(Path(DATA) / "tue_teleop" / "run_a_spring.csv", layout)).answer
+    assert found["class"] == [["force_bias"]]

@@ -167,3 +167,24 @@ def test_the_reliability_table_compares_stated_and_observed_shares() -> None:
     assert (highest["hits"], highest["of"], highest["stated"]) == (1, 2, pytest.approx(0.95))
     assert (lowest["hits"], lowest["of"]) == (0, 1)
     assert brier(answers) == pytest.approx((0.05**2 + 0.05**2 + 0.95**2) / 3.0)
+
+
+def test_a_bias_is_not_named_beside_a_drift_that_settles_at_once() -> None:
+    """The drift contains it; a class of both ended with the drift in the extended model."""
+    rng = np.random.default_rng(12)
+    t = np.arange(3000) / 500.0
+    x = 3e-3 * np.sin(2.0 * np.pi * 0.6 * t) + 1e-3 * np.sin(2.0 * np.pi * 1.7 * t)
+    force = np.maximum(900.0 * x + 5.0 * np.gradient(x, t), 0.0) + 0.3
+    force += 0.02 * rng.standard_normal(t.size)
+    answer = diagnose(from_arrays("bias", t, x, force), surface=0.0).answer
+    assert answer["class"] == [["force_bias"]]
+
+
+def test_a_drift_is_named_although_it_contains_a_bias() -> None:
+    rng = np.random.default_rng(13)
+    t = np.arange(3000) / 500.0
+    x = 3e-3 * np.sin(2.0 * np.pi * 0.6 * t) + 1e-3 * np.sin(2.0 * np.pi * 1.7 * t)
+    force = np.maximum(900.0 * x + 5.0 * np.gradient(x, t), 0.0)
+    force += 0.5 * (1.0 - np.exp(-t / 2.0)) + 0.02 * rng.standard_normal(t.size)
+    answer = diagnose(from_arrays("drift", t, x, force), surface=0.0).answer
+    assert answer["class"] == [["force_drift"]]

@@ -33,6 +33,7 @@ _EXTENDS = {
     "direction_dependent_damping": "viscous_friction",
     "second_layer": "contact_offset",
     "gravity_torque": "force_bias",
+    "force_drift": "force_bias",
 }
 
 
