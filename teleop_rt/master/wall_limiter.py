@@ -15,6 +15,7 @@ from teleop_rt.master.rendered_effects import RenderedEffect
 from teleop_rt.master.walls import Wall
 
 _REDUCTIONS, _ALMOST = 60, 0.999
+_LONGEST_TRAVEL = 10.0  # m or rad; a spring too soft to give its force there gives less
 GRIP_SHARE = 0.8
 """Of the bound, for the spring of a brake: damping of twice the device's own friction fits beside
 it, so that a hand that taps on the brake comes to rest; still softer, it throws a heavy hand back.
@@ -62,6 +63,11 @@ def _slopes_of_model(wall: Wall, force_max: float, velocity_max: float) -> tuple
     return spring + of_damping, damping
 
 
+def _deepest(wall: Wall, force_max: float) -> float:
+    """Return the depth at which the spring gives `force_max`, within any device's travel."""
+    return min(depth_of(force_max, wall.k, wall.n), _LONGEST_TRAVEL)
+
+
 def _parts_of_model(
     wall: Wall, force_max: float, velocity_max: float
 ) -> tuple[float, float, float]:
@@ -71,7 +77,7 @@ def _parts_of_model(
     """
     if wall.k <= 0 or (wall.n == 1 and not wall.damping_power):
         return wall.k, 0.0, wall.b
-    depth = depth_of(force_max, wall.k, wall.n)
+    depth = _deepest(wall, force_max)
     spring = min(wall.stiffest, spring_slope(depth, wall.k, wall.n))
     depth, p = min(depth, wall.damped_depth), wall.damping_power
     of_damping = p * wall.b * depth ** (p - 1) * velocity_max if p else 0.0
@@ -144,7 +150,7 @@ class WallLimiter:
         its deepest would hardly be felt at any other depth. Its damping, whose own slope grows with
         speed, is scaled to what the spring leaves.
         """
-        deepest = depth_of(self._force_max, wall.k, wall.n) if wall.k > 0 else math.inf
+        deepest = _deepest(wall, self._force_max) if wall.k > 0 else math.inf
         own, of_damping, damping = _parts_of_model(wall, self._force_max, self._velocity_max)
         spring = self._bound.softened(own)
         calming = self._calming(own, spring, 0.0)
