@@ -49,3 +49,23 @@ def test_a_body_that_is_left_is_not_held_wherever_its_surface_is() -> None:
 
 def test_the_surface_that_is_given_is_kept() -> None:
     assert diagnose(bolted(), surface=-0.02).base.model.base.name == "kelvin-voigt"
+
+
+def _far_from_zero(effect: str, zero_m: float) -> Recording:
+    """Return a body of 34 kN/m, moved by 15 um, whose encoder has its zero far away."""
+    rng = np.random.default_rng(16)
+    t = np.arange(6000) / 1000.0
+    x = 15e-6 * np.sin(2.0 * np.pi * (0.4 * t + 0.3 * t**2))
+    y = np.interp(t - 0.048, t, x) if effect == "channel_delay" else x
+    force = 34_000.0 * y + 490.0 * np.gradient(y, t) + 0.5 + 0.005 * rng.standard_normal(t.size)
+    position = np.round((x + zero_m) / 5e-8) * 5e-8
+    return from_arrays("held", t, position, force)
+
+
+@pytest.mark.parametrize("zero_m", [0.0, -0.0884, 0.41])
+@pytest.mark.parametrize("effect", ["none", "channel_delay"])
+def test_the_place_of_the_encoders_zero_changes_no_answer(effect: str, zero_m: float) -> None:
+    """A prior took the bias that a distant zero needs for one that the data do not determine."""
+    answer = diagnose(_far_from_zero(effect, zero_m), "spring,viscous,bias").answer
+    assert answer["class"][:1] == ([] if effect == "none" else [[effect]])
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(34_000.0, rel=0.01)

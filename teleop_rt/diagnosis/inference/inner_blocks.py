@@ -12,7 +12,7 @@ import numpy as np
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.least_squares import signed_solution
+from teleop_rt.diagnosis.models.least_squares import centred, signed_solution
 from teleop_rt.diagnosis.models.predict import columns
 
 BLOCKS = 40
@@ -34,6 +34,7 @@ def blind_energy(problem: Problem, fit: Fit) -> float:
     rows = np.array(parts.columns)[:, where]
     nonnegative = np.array([linear.nonnegative for linear in fit.model.linear], dtype=bool)
     deviation = float(np.sqrt(np.mean((target - fit.theta @ rows) ** 2)))
+    rows, _ = centred(rows, fit.model.base.bias_place)
     weak = held_out.prior(rows, problem.force[where]) * deviation
     both = np.concatenate([rows, target[None, :]])
     edges = np.searchsorted(np.flatnonzero(where), np.arange(BLOCKS + 1) * where.size // BLOCKS)

@@ -56,9 +56,15 @@ class Base:
         return any(term.function is _depth for term in self.terms)
 
     @property
+    def bias_place(self) -> int | None:
+        """Return the place among the terms of the force that is always there, None without one."""
+        places = (i for i, term in enumerate(self.terms) if term.function is _constant)
+        return next(places, None)
+
+    @property
     def has_bias(self) -> bool:
         """Return whether a force that is always there is a term."""
-        return any(term.function is _constant for term in self.terms)
+        return self.bias_place is not None
 
     @property
     def touches(self) -> bool:

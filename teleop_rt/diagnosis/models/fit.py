@@ -13,7 +13,13 @@ from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
-from teleop_rt.diagnosis.models.least_squares import signed_least_squares, solution, within_bounds
+from teleop_rt.diagnosis.models.least_squares import (
+    centred,
+    signed_least_squares,
+    solution,
+    uncentred,
+    within_bounds,
+)
 from teleop_rt.diagnosis.models.model import CandidateModel, bounds
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
 from teleop_rt.diagnosis.noise.saturated import Flexible, basis
@@ -133,7 +139,9 @@ class Problem:
                 else np.zeros((0, target.size))
             )
             wanted = target - self.whitener(parts.offset) if np.any(parts.offset) else target
-            theta = signed_least_squares(matrix, wanted, model.nonnegative, self._weak)
+            rows, shares = centred(matrix, model.base.bias_place)
+            theta = signed_least_squares(rows, wanted, model.nonnegative, self._weak)
+            theta = uncentred(theta, shares, model.base.bias_place)
             if not further or (guess is not None and settled(course, guess, theta)):
                 break
             guess = theta

@@ -11,7 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.least_squares import signed_least_squares
+from teleop_rt.diagnosis.models.least_squares import centred, signed_least_squares, uncentred
 from teleop_rt.diagnosis.models.predict import columns, force_of
 from teleop_rt.diagnosis.samples.filters import butterworth
 from teleop_rt.metrics import nrmse
@@ -86,14 +86,19 @@ def _with_prior(problem: Problem, whole: Problem, fit: Fit) -> Fit:
         return fit
     where = counted(whole, fit) > 0.0
     parts = columns(Course.of(fit.model, problem.motion, fit.zeta), fit.theta)
-    weak = prior(np.array(parts.columns)[:, where], problem.force[where])
+    constant = fit.model.base.bias_place
+    rows, shares = centred(np.array(parts.columns)[:, where], constant)
+    weak = prior(rows, problem.force[where])
+    seen = (
+        fit.columns if constant is None else fit.columns - np.outer(shares, fit.columns[constant])
+    )
     target = fit.residual + fit.theta @ fit.columns
     theta = signed_least_squares(
-        np.concatenate([fit.columns, np.diag(weak)], axis=1),
+        np.concatenate([seen, np.diag(weak)], axis=1),
         np.append(target, np.zeros(weak.size)),
         np.array([linear.nonnegative for linear in fit.model.linear], dtype=bool),
     )
-    return replace(fit, theta=theta)
+    return replace(fit, theta=uncentred(theta, shares, constant))
 
 
 def folds(size: int) -> NDArray[np.intp]:

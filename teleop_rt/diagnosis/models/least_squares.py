@@ -88,6 +88,27 @@ def explained(rows: Matrix, target: Vector) -> float:
     return float((rows @ target) @ least_squares(rows, target))
 
 
+def centred(rows: Matrix, constant: int | None) -> tuple[Matrix, Vector]:
+    """Return the rows without their part along the `constant` one, and these parts.
+
+    An encoder's zero may lie far from the motion. The force of a spring then is a large one that a
+    bias takes off again, and a prior on the size of either would change their difference.
+    """
+    if constant is None or not (energy := float(rows[constant] @ rows[constant])):
+        return rows, np.zeros(rows.shape[0])
+    shares: Vector = rows @ rows[constant] / energy
+    shares[constant] = 0.0
+    return rows - shares[:, None] * rows[constant], shares
+
+
+def uncentred(theta: Vector, shares: Vector, constant: int | None) -> Vector:
+    """Return the parameters of the rows before they were `centred`."""
+    if constant is not None:
+        theta = theta.copy()
+        theta[constant] -= float(shares @ theta)
+    return theta
+
+
 def signed_least_squares(
     rows: Matrix, target: Vector, nonnegative: NDArray[np.bool_], weak: float = 0.0
 ) -> Vector:
