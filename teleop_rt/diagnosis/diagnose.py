@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
 from teleop_rt.diagnosis.answers.residuals import Unseen, nearest, predict_recording
 from teleop_rt.diagnosis.draft.choice import dependence
-from teleop_rt.diagnosis.inference.confirmed import Judged, judged, noise_of, root_mean_square
+from teleop_rt.diagnosis.inference.confirmed import Judged, judged, noise_of
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, applicable
 from teleop_rt.diagnosis.inference.verdict import Verdict
@@ -133,7 +133,7 @@ def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
 def _on_blocks(made: Judged, found: Diagnosis) -> HeldOut:
     """Return the error of the model that predicts, on held-out blocks."""
     # A perfect model leaves no more than the best one.
-    left = root_mean_square(found, found.predicts)
+    left = found.left_by(found.predicts)
     noise = min(noise_of(made.weighed, _in_air(found)), left)
     return made.blocks.predicted(found.predicts, noise)
 

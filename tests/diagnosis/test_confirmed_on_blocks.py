@@ -32,6 +32,7 @@ def test_a_law_that_the_blocks_contradict_is_not_named() -> None:
     """It was partly named softening, a law of gradual change, with 60 % of the error left."""
     answer = diagnose(_hardens_once(), surface=0.0).answer
     assert (answer["verdict"], answer["class"]) == ("unexplained", [])
+    assert answer["probability"] == {}
 
 
 def test_a_law_that_one_press_shows_is_named_though_no_other_block_can_confirm_it() -> None:

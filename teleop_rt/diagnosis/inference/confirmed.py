@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.answers.errors import Blocks
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
@@ -91,7 +89,8 @@ def _confirmed_on_blocks(
     blocks, judgement = Blocks(plain.problem, found.problem, plain.base), found.judgement
     on_blocks = OnBlocks(found, plain, blocks, noise_of(weighed))
     if judgement.sets and not on_blocks.confirm(judgement.sets[0]):
-        found = replace(found, judgement=replace(judgement, verdict="unexplained", sets=()))
+        nothing = replace(judgement, verdict="unexplained", sets=(), probability={})
+        found = replace(found, judgement=nothing)
     return Judged(weighed, plain, found, lost, blocks)
 
 
@@ -113,7 +112,7 @@ def _confirmed(
     where = held_out.counted(weighed.problem, weighed.best)
     most = largest_noise(weighed.problem, weighed.best, weighed.input_errors, where)
     known = known_noise(weighed.problem, weighed.best, weighed.input_errors, where)
-    left = root_mean_square(plain, plain.best)
+    left = plain.left_by(plain.best)
     if judgement.verdict == "partial" or needs_unknown_remainder(plain, left, known, most):
         return None, plain
     return (plain if _predicts_worse(weighed, plain) else weighed), plain
@@ -126,7 +125,7 @@ def unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
     ignore the force at frequencies where the model's error is largest.
     """
     problem = found.problem
-    deviation = max(root_mean_square(found, found.best), 1e-9 * problem.motion.scales["force"])
+    deviation = max(found.left_by(found.best), 1e-9 * problem.motion.scales["force"])
     problem = replace(problem, whitener=problem.whitener.evenly(deviation))
     base = problem.refine(found.base.model, found.base.zeta)
     judgement = found.judgement
@@ -141,13 +140,6 @@ def unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 
 
-def root_mean_square(found: Diagnosis, fit: Fit) -> float:
-    """Return the root mean square of a fit's residual [rig's force]."""
-    where = held_out.counted(found.problem, found.base) > 0.0
-    rest = (found.problem.force - held_out.predict(found.problem, fit))[where]
-    return float(np.sqrt(np.mean(rest**2)))
-
-
 def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
     """Return whether weights that follow the noise give a worse model than equal weights.
 
@@ -156,7 +148,7 @@ def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
     """
     if leaves_structure(weighed.judgement.sets[0].left, weighed.judgement.floor):
         return True
-    before, after = (root_mean_square(one, one.best) for one in (weighed, plain))
+    before, after = (one.left_by(one.best) for one in (weighed, plain))
     return before > REDRAWN_NOISE_RATIO * after
 
 

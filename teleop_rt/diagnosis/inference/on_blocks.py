@@ -40,8 +40,8 @@ class OnBlocks:
         of the base's excess. A law that a single press shows is hidden from the fit with the block
         of that press; it needs no confirmation if it leaves no structure.
         """
-        base = _mean_square(self.plain, self.plain.base)
-        if _mean_square(self.found, ranked.fit) <= SECOND_SHARE * base:
+        base, left = self.plain.left_by(self.plain.base), self.found.left_by(ranked.fit)
+        if left**2 <= SECOND_SHARE * base**2:
             return True
         if leaves_structure(ranked.left, self.found.judgement.floor):
             unseen = self.blocks.predicted(ranked.fit, self.noise)
@@ -67,9 +67,3 @@ class OnBlocks:
         energy = (added - base) ** 2 * problem.whitener.mask
         by_fold = np.bincount(held_out.folds(energy.size), energy, held_out.FOLDS)
         return float(np.max(by_fold)) > _ONE_FOLD * float(np.sum(by_fold))
-
-
-def _mean_square(found: Diagnosis, fit: Fit) -> float:
-    where = held_out.counted(found.problem, found.base) > 0.0
-    rest = (found.problem.force - held_out.predict(found.problem, fit))[where]
-    return float(np.mean(rest**2))

@@ -86,6 +86,12 @@ class Diagnosis:
         """The model whose errors are reported."""
         return self.predictor or self.best
 
+    def left_by(self, fit: Fit) -> float:
+        """Return the root mean square of a fit's residual [rig's force]."""
+        where = held_out.counted(self.problem, self.base) > 0.0
+        rest = (self.problem.force - held_out.predict(self.problem, fit))[where]
+        return float(np.sqrt(np.mean(rest**2)))
+
 
 def in_rounds(
     posed: Callable[..., tuple[Problem, Base]],
