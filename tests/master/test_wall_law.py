@@ -69,3 +69,8 @@ def test_outside_nothing_is_felt_and_nothing_is_beyond_the_largest_force(kernel)
     assert (force, spring) == (FORCE_MAX, FORCE_MAX)
     yields = FORCE_MAX / 3600.0
     assert stored_J == pytest.approx(FORCE_MAX * (0.02 - yields) + 0.5 * FORCE_MAX * yields)
+
+
+def test_a_spring_that_may_have_no_slope_gives_no_force():
+    wall = Wall(SURFACE, 9e4, 0.0, 1.7, 1.7, stiffest=0.0)
+    assert wall.force(SURFACE + 0.01, 0.0) == 0.0
