@@ -13,7 +13,14 @@ from teleop_rt.config_problems import follows_from_others, problems_of
 from teleop_rt.config_rig import AxisConfig, RigConfig
 from teleop_rt.section import Section, Units
 from teleop_rt.shipped import example, example_names, meant
-from teleop_rt.yaml_file import ConfigError, Document, KeyPath, Problem, parse_scalar, read_yaml
+from teleop_rt.yaml_file import (
+    ConfigError,
+    ConfigProblem,
+    Document,
+    KeyPath,
+    parse_scalar,
+    read_yaml,
+)
 
 FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
 """Keys of a trial that may name a file in the place of their contents."""
@@ -38,7 +45,7 @@ def load_trial(
     _require_mapping(document, path)
     if {"axis", "limits"} <= document.data.keys() and "rig" not in document.data:
         message = "is a rig: name a trial, whose key `rig` names this file"
-        raise ConfigError([Problem(str(path), message)])
+        raise ConfigError([ConfigProblem(str(path), message)])
     files = tuple(f"{'.'.join(keys)}=" for keys in FILES)
     for override in overrides:
         if override.startswith(files):
@@ -50,7 +57,7 @@ def load_trial(
     for override in overrides:
         if not override.startswith(files):
             _override(document, override)
-    problems: list[Problem] = []
+    problems: list[ConfigProblem] = []
     _check_driver_sections(document, axis_schemas, plant_schemas, problems)
     trial = _validate(TrialConfig, document, (), _units(document), problems)
     if _units(document) is None:
@@ -69,7 +76,7 @@ def load_rig(path: Path, axis_schemas: AxisSchemas) -> RigConfig:
     document = Document(
         {"rig": document.data}, {("rig", *key): where for key, where in document.places.items()}
     )
-    problems: list[Problem] = []
+    problems: list[ConfigProblem] = []
     _check_driver_sections(document, axis_schemas, {}, problems)
     rig = _validate(RigConfig, document, ("rig",), _units(document), problems)
     if problems:
@@ -90,14 +97,14 @@ def _require_mapping(document: Document, path: Path) -> None:
         held = [kind for kind, types in kinds.items() if isinstance(document.data, types)]
         found = "".join(held) or "one value"
         message = f"must contain keys and values (it contains {found}): name a trial or rig (YAML)"
-        raise ConfigError([Problem(str(path), message)])
+        raise ConfigError([ConfigProblem(str(path), message)])
     found = document.data.get("format", FORMAT)
     if found != FORMAT:
         message = (
             f"format: this file is of format {found!r}, and this version of teleop-rt reads format "
             f"{FORMAT}: install the version that it was written for, or write a new file"
         )
-        raise ConfigError([Problem(document.place(("format",)), message)])
+        raise ConfigError([ConfigProblem(document.place(("format",)), message)])
 
 
 def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
@@ -114,7 +121,7 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
     if document.place(keys).startswith(OVERRIDE) and _is_file(here := Path.cwd() / named):
         if _is_file(file) and not file.samefile(here):
             message = f"{'.'.join(keys)}: both {file} and {here}: give the whole path of one"
-            raise ConfigError([Problem(document.place(keys), message)])
+            raise ConfigError([ConfigProblem(document.place(keys), message)])
         file = here
     if key == "rig" and not _is_file(file) and named in example_names("rigs"):
         file = example("rigs", named)
@@ -124,7 +131,7 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
             message += ", or to the folder where you are"
         if key == "rig" and file.name == named:
             message += f"; {meant(named, ('rigs',))}"
-        raise ConfigError([Problem(document.place(keys), message)])
+        raise ConfigError([ConfigProblem(document.place(keys), message)])
     loaded = read_yaml(file)
     _require_mapping(loaded, file)
     holder[key] = loaded.data
@@ -142,7 +149,7 @@ def _is_file(path: Path) -> bool:
 def _override(document: Document, override: str) -> None:
     dotted, separator, text = override.partition("=")
     if not separator or not dotted:
-        raise ConfigError([Problem(OVERRIDE + override, "write key.path=value")])
+        raise ConfigError([ConfigProblem(OVERRIDE + override, "write key.path=value")])
     keys = dotted.split(".")
     section = document.data
     for depth, key in enumerate(keys[:-1]):
@@ -151,7 +158,7 @@ def _override(document: Document, override: str) -> None:
         section = section.setdefault(key, {})
         if not isinstance(section, dict):
             message = f"{'.'.join(keys[: depth + 1])} is a value, it has no keys below it"
-            raise ConfigError([Problem(OVERRIDE + override, message)])
+            raise ConfigError([ConfigProblem(OVERRIDE + override, message)])
     section[keys[-1]] = parse_scalar(text)
     path = tuple(keys)
     for place in [place for place in document.places if place[: len(path)] == path]:
@@ -172,7 +179,7 @@ def _check_driver_sections(
     document: Document,
     axis_schemas: AxisSchemas,
     plant_schemas: PlantSchemas,
-    problems: list[Problem],
+    problems: list[ConfigProblem],
 ) -> None:
     """Validate the parts whose schema belongs to a driver, and put the models in their place."""
     units = _units(document)
@@ -184,7 +191,7 @@ def _check_driver_sections(
     driver = axis.get("driver")
     if not isinstance(driver, str) or driver not in axis_schemas:
         message = f"rig.axis.driver: {driver!r} is not one of: {', '.join(sorted(axis_schemas))}"
-        problems.append(Problem(document.place(("rig", "axis", "driver")), message))
+        problems.append(ConfigProblem(document.place(("rig", "axis", "driver")), message))
         del rig["axis"]
         document.data.pop("plant", None)
         return
@@ -192,7 +199,7 @@ def _check_driver_sections(
     if isinstance(document.data.get("plant"), dict):
         if driver not in plant_schemas:
             message = f"plant: the driver {driver!r} simulates nothing: remove this section"
-            problems.append(Problem(document.place(("plant",)), message))
+            problems.append(ConfigProblem(document.place(("plant",)), message))
             del document.data["plant"]
             return
         document.data["plant"] = _validate(
@@ -204,7 +211,7 @@ def _check_device_section(
     document: Document,
     axis_schemas: AxisSchemas,
     units: Units | None,
-    problems: list[Problem],
+    problems: list[ConfigProblem],
 ) -> None:
     """Validate the axis of an operator's device, and put the model in its place."""
     operator = document.data.get("operator")
@@ -217,7 +224,7 @@ def _check_device_section(
     if schema is None:
         known = ", ".join(sorted(axis_schemas))
         message = f"operator.rig.axis.driver: {axis.get('driver')!r} is not one of: {known}"
-        problems.append(Problem(document.place((*place, "driver")), message))
+        problems.append(ConfigProblem(document.place((*place, "driver")), message))
         del rig["axis"]
         return
     rig["axis"] = _validate(schema, document, place, units, problems)
@@ -228,7 +235,7 @@ def _validate(
     document: Document,
     path: KeyPath,
     units: Units | None,
-    problems: list[Problem],
+    problems: list[ConfigProblem],
 ) -> Model | None:
     """Validate the data at `path`; problems go to the list, and None comes back."""
     data = document.data

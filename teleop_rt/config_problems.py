@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails
 
 from teleop_rt.config_contradictions import ContradictionError
 from teleop_rt.section import MissingUnit, Section, Units
-from teleop_rt.yaml_file import Document, KeyPath, Problem
+from teleop_rt.yaml_file import ConfigProblem, Document, KeyPath
 
 _ONE = r"[num\u00b5]?(?:m|s|N|Nm|rad)|k(?:N|Nm|Hz|hz)|cm|deg|rev|min|hz|Hz|kg|in|lbf"
 _UNIT = re.compile(rf"(.+?)_((?:{_ONE})(?:_s)?(?:_per_(?:{_ONE}))?)")
@@ -37,7 +37,7 @@ def problems_of(
     path: KeyPath,
     units: Units | None,
     detail: ErrorDetails,
-) -> list[Problem]:
+) -> list[ConfigProblem]:
     """Return a problem, or one for each contradiction between sections, at the key it names."""
     error = detail.get("ctx", {}).get("error")
     if not isinstance(error, ContradictionError):
@@ -49,7 +49,7 @@ def problems_of(
         keys = (*path, *detail["loc"], *named[1].split("."))
         location = _written_keys(document, keys, schema, len(path), units)
         name = ".".join(map(str, location))
-        problems.append(Problem(document.place(location), f"{name}: {named[2]}"))
+        problems.append(ConfigProblem(document.place(location), f"{name}: {named[2]}"))
     return problems
 
 
@@ -59,7 +59,7 @@ def problem_of(
     path: KeyPath,
     units: Units | None,
     detail: ErrorDetails,
-) -> Problem:
+) -> ConfigProblem:
     """Say what is wrong in the words of the file: its own keys, bounds and allowed values."""
     location = _written_keys(document, (*path, *detail["loc"]), schema, len(path), units)
     name = ".".join(map(str, location)) or "this file"
@@ -83,7 +83,7 @@ def problem_of(
             f"{message.replace('Input should be', 'must be')} (it is {_shown(detail['input'])})"
         )
     kind = _kind_of_item(schema, detail["loc"])
-    return Problem(document.place(location), f"{name}{kind}: {message}")
+    return ConfigProblem(document.place(location), f"{name}{kind}: {message}")
 
 
 def _no_number(wanted: str, given: object) -> str:

@@ -22,7 +22,7 @@ KeyPath = tuple[str | int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class ConfigProblem:
     """One thing wrong with a config: where it is, what it is, what to do."""
 
     where: str
@@ -35,7 +35,7 @@ class Problem:
 class ConfigError(ExpectedError):
     """A config that cannot be used; carries every problem found."""
 
-    def __init__(self, problems: list[Problem]) -> None:
+    def __init__(self, problems: list[ConfigProblem]) -> None:
         super().__init__("\n".join(map(str, problems)))
         self.problems = problems
 
@@ -133,19 +133,21 @@ def read_yaml(path: Path) -> Document:
     try:
         with open(path, "rb", opener=_without_waiting) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise ConfigError([Problem(str(path), "is a pipe or a device: give a file")])
+                raise ConfigError([ConfigProblem(str(path), "is a pipe or a device: give a file")])
             data = file.read(MOST_BYTES + 1)
         text = data.decode("utf-8")
     except FileNotFoundError:
-        raise ConfigError([Problem(str(path), "no such file: check the path")]) from None
+        raise ConfigError([ConfigProblem(str(path), "no such file: check the path")]) from None
     except UnicodeDecodeError:
-        raise ConfigError([Problem(str(path), "is not text: give a YAML file in UTF-8")]) from None
+        raise ConfigError(
+            [ConfigProblem(str(path), "is not text: give a YAML file in UTF-8")]
+        ) from None
     except OSError as error:
         reason = f"cannot be read: {error.strerror}: give a YAML file that this user may read"
-        raise ConfigError([Problem(str(path), reason)]) from None
+        raise ConfigError([ConfigProblem(str(path), reason)]) from None
     if len(data) > MOST_BYTES:
         reason = f"is larger than {MOST_BYTES // 1024} kB: give a trial or a rig, not its data"
-        raise ConfigError([Problem(str(path), reason)])
+        raise ConfigError([ConfigProblem(str(path), reason)])
     return _read(text, str(path))
 
 
@@ -168,11 +170,13 @@ def _read(text: str, name: str) -> Document:
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         what = error.problem or "is not valid YAML"
-        raise ConfigError([Problem(f"{name}:{line}", f"YAML syntax: {what}; {_CHECK}")]) from None
+        raise ConfigError(
+            [ConfigProblem(f"{name}:{line}", f"YAML syntax: {what}; {_CHECK}")]
+        ) from None
     except yaml.YAMLError as error:
-        raise ConfigError([Problem(name, f"YAML syntax: {error}")]) from None
+        raise ConfigError([ConfigProblem(name, f"YAML syntax: {error}")]) from None
     except (ValueError, RecursionError, TypeError) as error:
-        raise ConfigError([Problem(name, f"cannot be read as YAML: {error}")]) from None
+        raise ConfigError([ConfigProblem(name, f"cannot be read as YAML: {error}")]) from None
     finally:
         if loader is not None:
             loader.dispose()
@@ -187,16 +191,18 @@ class _Building:
         self._name = name
         self._places = places
         self._nodes = 0
-        self.problems: list[Problem] = []
+        self.problems: list[ConfigProblem] = []
 
     def build(self, node: yaml.Node, path: KeyPath) -> Any:
         """Return the data of a node; what is wrong goes to `problems`."""
         where = f"{self._name}:{node.start_mark.line + 1}"
         self._nodes += 1
         if self._nodes > MOST_NODES or len(path) > DEEPEST:
-            raise ConfigError([Problem(where, _TOO_MUCH)])
+            raise ConfigError([ConfigProblem(where, _TOO_MUCH)])
         if node.tag not in _CORE_TAGS:
-            self.problems.append(Problem(where, f"the tag {node.tag} is not understood: remove it"))
+            self.problems.append(
+                ConfigProblem(where, f"the tag {node.tag} is not understood: remove it")
+            )
             return None
         if isinstance(node, yaml.MappingNode):
             return self._mapping(node, path)
@@ -207,10 +213,12 @@ class _Building:
         try:
             value = self._loader.construct_object(node, deep=True)
         except (ValueError, LookupError):  # `!!int x`, `!!bool maybe`
-            self.problems.append(Problem(where, f"{node.value!r:.80} is not what its tag says"))
+            self.problems.append(
+                ConfigProblem(where, f"{node.value!r:.80} is not what its tag says")
+            )
             return None
         if isinstance(value, str) and _CONTROL.search(value):
-            self.problems.append(Problem(where, "contains a control character: remove it"))
+            self.problems.append(ConfigProblem(where, "contains a control character: remove it"))
         return value
 
     def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
@@ -219,13 +227,13 @@ class _Building:
             key = key_node.value if isinstance(key_node, yaml.ScalarNode) else None
             where = f"{self._name}:{key_node.start_mark.line + 1}"
             if key is None:
-                self.problems.append(Problem(where, "a key must be plain text"))
+                self.problems.append(ConfigProblem(where, "a key must be plain text"))
                 continue
             if key in mapping:
-                self.problems.append(Problem(where, f"key {key!r} is given twice: keep one"))
+                self.problems.append(ConfigProblem(where, f"key {key!r} is given twice: keep one"))
             if _CONTROL.search(key):
                 self.problems.append(
-                    Problem(where, "a key contains a control character: remove it")
+                    ConfigProblem(where, "a key contains a control character: remove it")
                 )
                 continue
             self._places[(*path, key)] = where

@@ -23,7 +23,7 @@ UNUSUAL = -1 << 20
 """In place of a number of frames: Python is to look at what has come, or at the socket."""
 
 
-class Door:
+class CanDoorFields:
     """Fields of a socket: its descriptor, its packets' headers, and what the last call received.
 
     That is `received` packets, or minus the number of an error, with `frames` frames. `sending` is
@@ -39,7 +39,7 @@ class Door:
     frame_bytes: int
 
 
-_DOOR = record_type(Door)
+_DOOR = record_type(CanDoorFields)
 Doors = NDArray[np.record]
 Lengths = NDArray[np.uint32]
 Whole = NDArray[np.int64]
@@ -65,7 +65,7 @@ class CanDoor:
         memory = np.frombuffer(packets.memory, np.uint8)
         self.slots: Slots = memory.reshape(PACKETS_AT_ONCE * _ROOM, size)
         stored: Doors = np.zeros(1, _DOOR)
-        self.door = cast("Door", stored[0])
+        self.door = cast("CanDoorFields", stored[0])
         self.door.descriptor = -1
         self.door.headers, self.door.most = packets.headers, PACKETS_AT_ONCE
         self.words: Whole = np.zeros(_CLOCK + _CLOCK_WORDS, np.int64)

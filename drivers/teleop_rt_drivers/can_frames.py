@@ -36,7 +36,7 @@ _ID = 0xFFFFFFFF
 """The id in a slot without a frame; no frame has it."""
 
 
-Frame = tuple[int, bytes | bytearray, int]
+CanFrame = tuple[int, bytes | bytearray, int]
 """Id, bytes, and when the frame was sent [ns of CLOCK_MONOTONIC], 0 where nobody says it.
 
 The id has SocketCAN's flags, so that only a plain frame's is a COB-ID; UNREADABLE marks data that
@@ -59,7 +59,7 @@ class _WithDoor(Protocol):
 
 
 class _Batching(Protocol):
-    def waiting_frames(self, most: int) -> Sequence[Frame]:
+    def waiting_frames(self, most: int) -> Sequence[CanFrame]:
         """Return what has come, `most` frames at most."""
 
     def send_frame(self, can_id: int, data: bytes) -> None:
@@ -69,7 +69,7 @@ class _Batching(Protocol):
         """Send frames of classic CAN one after the other."""
 
 
-def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[Frame]]:
+def reader_of(bus: can.BusABC) -> Callable[[int], Sequence[CanFrame]]:
     """Return a function that takes all waiting frames, up to a given number; it never raises."""
     if hasattr(bus, "waiting_frames"):
         return cast("_Batching", bus).waiting_frames
@@ -87,7 +87,7 @@ class SlotReader:
         self._own: Slots = np.zeros((most, BARE.size), np.uint8)
         self._memory = self._own.data.cast("B")
         self._waiting_frames = reader_of(bus)
-        self._frames: Sequence[Frame] | None = None
+        self._frames: Sequence[CanFrame] | None = None
         self.slots = self._own
         self.door: CanDoor | None = None
         if hasattr(bus, "door"):
@@ -127,7 +127,7 @@ class SlotReader:
         self.slots = self._own
         return len(frames)
 
-    def frame(self, row: int) -> Frame:
+    def frame(self, row: int) -> CanFrame:
         """Return a frame of those read last."""
         if self._frames is not None:
             return self._frames[row]
@@ -182,9 +182,9 @@ def wide_message(can_id: int, data: bytes) -> can.Message:
     )
 
 
-def one_by_one(bus: can.BusABC, most: int) -> list[Frame]:
+def one_by_one(bus: can.BusABC, most: int) -> list[CanFrame]:
     """Take the frames that wait by python-can's own call."""
-    frames: list[Frame] = []
+    frames: list[CanFrame] = []
     for _ in range(most):
         try:
             message = bus.recv(0)
@@ -228,7 +228,7 @@ def packed(message: can.Message, now_ns: int) -> bytes:
     return FRAME.pack(flagged_id(message), message.dlc, message.data, now_ns)
 
 
-def unpacked_plainly(data: bytes | memoryview) -> list[Frame]:
+def unpacked_plainly(data: bytes | memoryview) -> list[CanFrame]:
     """Return the frames of a packet of nothing but FRAMEs."""
     return [
         (can_id, content if size >= LONGEST else content[:size], sent_ns)
@@ -236,7 +236,7 @@ def unpacked_plainly(data: bytes | memoryview) -> list[Frame]:
     ]
 
 
-def unpacked(data: bytes | memoryview, place: int, length: int) -> Frame:
+def unpacked(data: bytes | memoryview, place: int, length: int) -> CanFrame:
     """Return the frame of the packet of this length that begins at `place`."""
     if length == FRAME.size:
         can_id, size, content, sent_ns = FRAME.unpack_from(data, place)

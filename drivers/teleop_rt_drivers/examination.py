@@ -15,7 +15,7 @@ from teleop_rt.config_operator import DeviceOperator
 from teleop_rt.config_rig import RigConfig
 from teleop_rt.errors import BAD_INPUT, FAULT
 from teleop_rt.terminal import ElapsedLine, red
-from teleop_rt.yaml_file import ConfigError, Problem, read_yaml
+from teleop_rt.yaml_file import ConfigError, ConfigProblem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import UNIX, open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
@@ -134,7 +134,9 @@ def _load(config: Path, overrides: list[str] | None) -> tuple[RigConfig, TrialCo
     data = read_yaml(config).data
     if isinstance(data, dict) and "rig" not in data and "axis" in data:
         if overrides:
-            raise ConfigError([Problem(f"--set {overrides[0]}", "works on a trial, not on a rig")])
+            raise ConfigError(
+                [ConfigProblem(f"--set {overrides[0]}", "works on a trial, not on a rig")]
+            )
         return load_rig(config, AXIS_SCHEMAS), None
     trial = load_trial(config, AXIS_SCHEMAS, PLANT_SCHEMAS, overrides or ())
     return trial.rig, trial

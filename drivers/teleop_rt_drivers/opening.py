@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from teleop_rt.config import PlantConfig
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
-    from teleop_rt_drivers.framed.source import Port
+    from teleop_rt_drivers.framed.source import FramedPort
     from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.rig import Network
 
@@ -196,7 +196,7 @@ def _open_replay(axis: CanopenPart | RawCanPart, rig: RigConfig, now_ns: Callabl
 
 def framed_ports(
     name: str, axis: SerialPart | RawCanPart, ends: Ends, counters: dict[str, int]
-) -> Mapping[str, Port]:
+) -> Mapping[str, FramedPort]:
     """Return the ports of framed devices on ends of one's own choice, by name."""
     if isinstance(axis, RawCanPart):
         return {"": CanPort(axis, ends.bus(name, axis.bus), counters)}

@@ -9,7 +9,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 from teleop_rt_drivers.can_door import CanDoor
-from teleop_rt_drivers.can_frames import BARE, REMOTE, UNREADABLE, Frame, one_by_one, unpacked
+from teleop_rt_drivers.can_frames import BARE, REMOTE, UNREADABLE, CanFrame, one_by_one, unpacked
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +31,7 @@ class DirectSocketcanBus(SocketcanBus):
         super().__init__(channel=channel, **options)
         self.door = CanDoor(BARE.size)
         self.door.door.descriptor = self.socket.fileno()
-        self._kept: list[Frame] = []
+        self._kept: list[CanFrame] = []
 
     def is_plain(self) -> bool:
         """Return whether all that can come now comes by the door: unless something is kept."""
@@ -46,7 +46,7 @@ class DirectSocketcanBus(SocketcanBus):
             place = index * packets.size
             self._kept.append(unpacked(packets.memory, place, packets.lengths[index]))
 
-    def waiting_frames(self, most: int) -> list[Frame]:
+    def waiting_frames(self, most: int) -> list[CanFrame]:
         """Return what has come, `most` frames at most; never raises."""
         kept, self._kept = self._kept[:most], self._kept[most:]
         return kept + one_by_one(self, most - len(kept))

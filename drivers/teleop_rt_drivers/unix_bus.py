@@ -28,7 +28,7 @@ from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, CanDoor
 from teleop_rt_drivers.can_frames import (
     FRAME,
     REMOTE,
-    Frame,
+    CanFrame,
     Outgoing,
     message_of,
     one_by_one,
@@ -64,7 +64,7 @@ class UnixBus(can.BusABC):
         self._rests: dict[socket.socket, list[bytes]] = {}
         self.door = CanDoor(FRAME.size)
         self._packets = self.door.packets
-        self._kept: list[Frame] = []
+        self._kept: list[CanFrame] = []
         self._readings = 0
         self._name = f"{os.getpid()}-{secrets.token_hex(4)}{SUFFIX}"
         self.lost = 0
@@ -220,7 +220,7 @@ class UnixBus(can.BusABC):
         self._drop(peer)
         return None
 
-    def waiting_frames(self, most: int) -> list[Frame]:
+    def waiting_frames(self, most: int) -> list[CanFrame]:
         """Return what has come, in the order of sending, `most` frames at most; never raises.
 
         Data that are not a frame are returned as UNREADABLE.
@@ -262,7 +262,7 @@ class UnixBus(can.BusABC):
         if due and self._ready.poll(0):
             self._meet()
 
-    def _take_some(self, peer: socket.socket, frames: list[Frame], most: int) -> bool:
+    def _take_some(self, peer: socket.socket, frames: list[CanFrame], most: int) -> bool:
         """Add what waits of a program; return whether more may wait that there is room for."""
         packets = min(self._packets.most, (most - len(frames)) // FRAMES_PER_PACKET)
         if packets <= 0:
@@ -274,7 +274,7 @@ class UnixBus(can.BusABC):
             return False
         return self._unpack(peer, count, frames) and count == packets
 
-    def _unpack(self, peer: socket.socket, count: int, frames: list[Frame]) -> bool:
+    def _unpack(self, peer: socket.socket, count: int, frames: list[CanFrame]) -> bool:
         """Add what was received of a program; return whether it is still there.
 
         A program is forgotten once it has left.

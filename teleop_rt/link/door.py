@@ -21,7 +21,7 @@ OTHER = 0
 """In place of a length: nothing came, or something that is to be looked at step by step."""
 
 
-class Door:
+class PacketDoorFields:
     """Fields of a socket: its descriptor and its packets' headers.
 
     `received` is how many packets the last call took, or minus the number of an error.
@@ -33,8 +33,8 @@ class Door:
     received: int
 
 
-_DOOR = record_type(Door)
-_RECEIVED = list(Door.__annotations__).index("received")
+_DOOR = record_type(PacketDoorFields)
+_RECEIVED = list(PacketDoorFields.__annotations__).index("received")
 Doors = NDArray[np.record]
 
 
@@ -46,7 +46,7 @@ class PacketDoor:
 
     def __init__(self, packets: Packets, descriptor: int) -> None:
         stored: Doors = np.zeros(1, _DOOR)
-        self.door = cast("Door", stored[0])
+        self.door = cast("PacketDoorFields", stored[0])
         self.door.descriptor, self.door.headers = descriptor, packets.headers
         self.door.most = packets.most
         self.memory = packets.memory

@@ -33,7 +33,7 @@ from teleop_rt.master.shaking import ShakeGuard
 from teleop_rt.master.stalled_force import StalledForce
 from teleop_rt.master.wall_limiter import RenderedBound, WallLimiter
 from teleop_rt.master.walls import NO_WALL
-from teleop_rt.realtime.row import Row
+from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import MASTER
 
 # By these names a tick finds them at once.
@@ -90,7 +90,7 @@ class Master:
             config, limits, self.adoption, self.registration, self.limiter, self.screening,
             self.effects,
         )  # fmt: skip
-        self.row = Row(MASTER).values
+        self.row = NamedRow(MASTER).values
         self.reset()
 
     def reset(self) -> None:
@@ -114,7 +114,7 @@ class Master:
         self._started_ns = -1
         self._waits_at = math.inf
         self.slave: StateMessage | None = None
-        self.row[:] = Row(MASTER).values
+        self.row[:] = NamedRow(MASTER).values
         self._forget()
 
     def cycle(self, skipped: int = 0, *, stalled: bool = False) -> None:

@@ -16,10 +16,11 @@ LOWEST_HZ, HIGHEST_HZ = 3.0, 40.0
 SMALLEST_SWING, SMALLEST_FORCE = 0.2e-3, 0.5
 """In m and N, or rad and Nm."""
 DECAY, GROWTH = 0.95, 1.1
-"""A swing below 0.95 of the last one the same way decays; two in a row above 1.1 grow."""
+"""A swing below 0.95 of the last one the same way decays; one above 1.1 of it grows."""
 SUSTAINED = 5
 """Swings in a row that do not decay."""
-GROWING = 2
+SWINGS_THAT_GROW = 2
+"""Swings in a row, each above GROWTH times the last, of a device that shakes ever more."""
 MADE_SHARE = 0.1
 """Energy that the port makes counts from this share of what the device's damping could take on."""
 
@@ -104,4 +105,4 @@ class SwingWatch:
         self._ticks = 0
         if self.lasting >= SUSTAINED:
             return Shaking.SUSTAINED
-        return Shaking.GROWS if self._growing >= GROWING else Shaking.NO
+        return Shaking.GROWS if self._growing >= SWINGS_THAT_GROW else Shaking.NO

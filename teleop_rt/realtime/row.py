@@ -12,7 +12,7 @@ from teleop_rt.signals import Signal
 StoredRow = NDArray[np.record]
 
 
-class Row:
+class NamedRow:
     """One row of a table: `stored` as kernels take it, with a field per signal, `values` by column.
 
     Whoever writes a column finds its place once, by `columns(table)`.

@@ -22,7 +22,7 @@ from teleop_rt.link.messages import Kind
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.ring_kernel import row_writer
-from teleop_rt.realtime.row import Row
+from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
 from teleop_rt.slave.catch_up import CatchUp
@@ -86,7 +86,7 @@ class Slave:
         self.record = record = TickRecord()
         self._floats, self._counts = record.floats, record.counts
         self._came_in = CAME_IN.writer(record)
-        self._row = Row(SLAVE)
+        self._row = NamedRow(SLAVE)
         self._columns = self._row.values
         self._record_row = row_writer(row_ring, self._row.stored.view(np.float64))
         self._body = new_state()

@@ -18,7 +18,7 @@ from teleop_rt.link import intake
 from teleop_rt.link import statistics as counted
 from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state
 from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
-from teleop_rt.realtime.row import Row, StoredRow
+from teleop_rt.realtime.row import NamedRow, StoredRow
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave import coupling, faults
 from teleop_rt.slave.catch_up import caught_up
@@ -222,7 +222,7 @@ def decide(
 def compile_step() -> None:
     """Compile the step, and what stands the axis still, into the cache, before a slave needs it."""
     late = Lateness(ON_HARDWARE, 1_000_000).record
-    record, row, link = TickRecord(), Row(SLAVE).stored, counted.Statistics().words
+    record, row, link = TickRecord(), NamedRow(SLAVE).stored, counted.Statistics().words
     motion, end = NewestMotion().stored, intake.new_words(0, 0)
     state, body = estimation.new_state()[0], new_state()
     decide(record.stored, state, late, late, link, end, motion, row, body, LEAD)

@@ -14,12 +14,13 @@ from teleop_rt_drivers.canopen import cia402, eds, intake
 from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import Cia402State, drive_state
 from teleop_rt_drivers.canopen.counters import Counters
-from teleop_rt_drivers.canopen.drive import Drive, Intent
+from teleop_rt_drivers.canopen.drive import Drive
 from teleop_rt_drivers.canopen.entries import address
 from teleop_rt_drivers.canopen.node_config import PdoConfig
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.setup import interpolation_period
 from teleop_rt_drivers.canopen.watch import new_lives
+from teleop_rt_drivers.drive_intent import Intent
 from teleop_rt_drivers.quantity import Scale
 
 FILES = {"encoder_cia406.eds": 0x10, "force_cia404.eds": 0x20, "drive_cia402.eds": 0x30}

@@ -16,14 +16,14 @@ import pytest
 
 from teleop_rt_drivers import bus_folder, can_frames, unix_bus
 from teleop_rt_drivers.bus_folder import folder_of
-from teleop_rt_drivers.can_frames import REMOTE, UNREADABLE, Frame, one_by_one, plain_message
+from teleop_rt_drivers.can_frames import REMOTE, UNREADABLE, CanFrame, one_by_one, plain_message
 from teleop_rt_drivers.unix_bus import UnixBus
 
 ROOT = Path(__file__).parents[2]
 JOINING = """
 import sys, time
 from teleop_rt_drivers import bus_folder, can_frames, unix_bus
-from teleop_rt_drivers.can_frames import UNREADABLE, Frame, one_by_one
+from teleop_rt_drivers.can_frames import UNREADABLE, CanFrame, one_by_one
 from teleop_rt_drivers.bus_folder import folder_of
 from teleop_rt_drivers.unix_bus import UnixBus
 bus = UnixBus(sys.argv[1])
@@ -311,7 +311,7 @@ SENT = (
 )
 
 
-def plain(frames: list[Frame]) -> list[tuple[int, bytes]]:
+def plain(frames: list[CanFrame]) -> list[tuple[int, bytes]]:
     return [(can_id, bytes(data)) for can_id, data, _ in frames if not can_id & can_frames.REMOTE]
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from teleop_rt.master.rows import record
-from teleop_rt.realtime.row import Row
+from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import MASTER
 
 ELSEWHERE = ("work_us", "wake_latency_us")
@@ -13,7 +13,7 @@ ELSEWHERE = ("work_us", "wake_latency_us")
 
 
 def test_every_value_is_in_the_column_of_its_name():
-    row = Row(MASTER)
+    row = NamedRow(MASTER)
     names = [signal.name for signal in MASTER if signal.name not in ELSEWHERE]
     of = {name: 10.0 + at for at, name in enumerate(names)}
     master = SimpleNamespace(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.actuators.codec import AskedCodec, Frames
     from teleop_rt_drivers.actuators.wire import Wire
 
-MOST_OWED = 16
+MOST_FRAMES_OWED = 16
 """Frames without an answer that are remembered; the longest set-up of a drive has five."""
 
 
@@ -43,7 +43,7 @@ class AskingPort(ActuatorPort):
         super().__init__(codec, wire, counters, now_ns, state_timeout_ns, watchdog_ns, codec)
         self._question = (codec.question(),)
         self._answer_ns = answer_ns
-        self._owed: deque[tuple[bool, int]] = deque(maxlen=MOST_OWED)
+        self._owed: deque[tuple[bool, int]] = deque(maxlen=MOST_FRAMES_OWED)
         self._asks_now = self._waiting = False
         self._paused = False
 

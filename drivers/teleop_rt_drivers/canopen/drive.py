@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from enum import Enum
 from typing import TYPE_CHECKING
 
 from teleop_rt.jit import bound
@@ -14,6 +13,7 @@ from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import Cia402State
 from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, kind_of
 from teleop_rt_drivers.canopen.source import SourceRecord, place
+from teleop_rt_drivers.drive_intent import ARMING, IDLE, POWERING, RUNNING, STOPPED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,20 +32,9 @@ _UNSEEN = -2
 """In place of the statusword that was looked at: it is to be looked at again."""
 
 
-class Intent(Enum):
-    """The requested state of the drive."""
-
-    IDLE = "no power"
-    ARMING = "on the way to operation enabled"
-    RUNNING = "operation enabled"
-    STOPPED = "stopped, and stays so until armed again"
-
-
-_POWERING = (Intent.ARMING, Intent.RUNNING)
 _FAULTY = (Cia402State.FAULT, Cia402State.FAULT_REACTION)
 _MOVING = (Cia402State.OPERATION_ENABLED, Cia402State.QUICK_STOP_ACTIVE)
-# By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call.
-_ARMING, RUNNING, _STOPPED = Intent.ARMING, Intent.RUNNING, Intent.STOPPED
+# By this name a tick finds it at once: in Python 3.11 each look-up in an enum is a call.
 _ENABLED = Cia402State.OPERATION_ENABLED
 
 
@@ -83,7 +72,7 @@ class Drive:
         self.record = SourceRecord()
         self.replies = Replies(self.record)
         self.state = Cia402State.NOT_READY
-        self.intent = Intent.IDLE
+        self.intent = IDLE
         self.fell_out = False
         self._zero = zero
         self._aligned = True
@@ -168,16 +157,16 @@ class Drive:
         self.record.counts[_SEEN] = statusword
         if statusword >= 0:
             self.state = cia402.drive_state(statusword)
-        if self.intent is _ARMING and self.state is _ENABLED:
+        if self.intent is ARMING and self.state is _ENABLED:
             self.intent = RUNNING
         elif self.intent is RUNNING and self.state is not _ENABLED:
-            self.intent = _STOPPED
+            self.intent = STOPPED
             self.fell_out = True
 
     def arm(self) -> None:
         """Begin the walk to operation enabled."""
         self.fell_out = False
-        self.intent = _ARMING
+        self.intent = ARMING
         self.record.counts[_SEEN] = _UNSEEN
         self._aligned = self._zero == "encoder"
 
@@ -185,7 +174,7 @@ class Drive:
         """Begin again without power."""
         self.replies.reset()
         self.fell_out = False
-        self.intent = Intent.IDLE
+        self.intent = IDLE
         self.state = Cia402State.NOT_READY
         source = self.record.source
         source.statusword = source.seen = -1
@@ -231,7 +220,7 @@ class Drive:
 
     def stop_command(self) -> bytes:
         """Return the frame that stops the drive, and ask for nothing else from now on."""
-        self.intent = _STOPPED
+        self.intent = STOPPED
         self._stay()
         if self._torque is not None:
             self._push(self._torque, None)
@@ -251,9 +240,9 @@ class Drive:
 
     def controlword(self) -> int:
         """Return the controlword for the present intent and state."""
-        if self.intent in _POWERING:
+        if self.intent in POWERING:
             return cia402.NEXT_TOWARDS_ENABLED.get(self.state, cia402.DISABLE_VOLTAGE)
-        if self.intent is _STOPPED and self.state in _MOVING:
+        if self.intent is STOPPED and self.state in _MOVING:
             return cia402.QUICK_STOP
         return cia402.DISABLE_VOLTAGE
 

@@ -15,7 +15,7 @@ from teleop_rt_drivers.canopen.intake import take_cycle
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
-    from teleop_rt_drivers.canopen.source import Readings, Source, Sources
+    from teleop_rt_drivers.canopen.source import Readings, SourceFields, Sources
     from teleop_rt_drivers.canopen.watch import Lives
 
     Whole = NDArray[np.int64]
@@ -100,7 +100,7 @@ def exchange(
 
 
 @kernel
-def target_of(s: Source, position: float) -> int:
+def target_of(s: SourceFields, position: float) -> int:
     """Return the counts of a drive that are nearest to a position [rig unit], within its range."""
     counts = np.rint((position - s.offset) / s.gain)
     return int(min(max(counts, LOWEST), HIGHEST))
@@ -114,7 +114,7 @@ def aim(drives: Sources, position: float) -> None:
 
 
 @kernel
-def command_word(s: Source, control: int) -> int:
+def command_word(s: SourceFields, control: int) -> int:
     """Return the bytes of a command as a number: the target, and a controlword beside it."""
     target = (np.int64(s.target) & np.int64(_TARGET_BITS)) << np.int64(_BITS * s.target_at)
     return int(target | np.int64(control) << np.int64(_BITS * s.control_at))

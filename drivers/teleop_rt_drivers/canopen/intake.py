@@ -21,7 +21,7 @@ from teleop_rt_drivers.canopen.watch import hear, lost_life, new_lives
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import Slots
-    from teleop_rt_drivers.canopen.source import Reading, Readings, Source, Sources
+    from teleop_rt_drivers.canopen.source import Reading, Readings, SourceFields, Sources
     from teleop_rt_drivers.canopen.watch import Lives
 
     Whole = NDArray[np.int64]
@@ -30,7 +30,8 @@ DUPLICATE_CYCLES = 3
 """Cycles in a row with more answers than were ever owed: then a second sender is believed."""
 CYCLES_TO_CATCH_UP = 3
 """Answered cycles that a node may stay behind; then what it owes is believed to be lost."""
-MOST_OWED = 10_000
+MOST_ANSWERS_OWED = 10_000
+"""Answers that a node is remembered to owe: of 10 s at 1 kHz; more come from a second sender."""
 SILENT_CYCLES = 3
 """Cycles without an answer after which the drive's state is no longer believed."""
 DUPLICATE = 1 << 8
@@ -77,7 +78,7 @@ def number(slots: Slots, row: int, at: int, kind: int) -> float:
 
 
 @kernel
-def take_value(s: Source, slots: Slots, row: int, counts: Whole) -> None:
+def take_value(s: SourceFields, slots: Slots, row: int, counts: Whole) -> None:
     """Take a frame as a source's answer: keep its value if that can be true."""
     s.received += 1
     if slots[row, LENGTH_AT] != s.length:
@@ -99,7 +100,7 @@ def take_value(s: Source, slots: Slots, row: int, counts: Whole) -> None:
 
 
 @kernel
-def take_drive(s: Source, slots: Slots, row: int, counts: Whole) -> None:
+def take_drive(s: SourceFields, slots: Slots, row: int, counts: Whole) -> None:
     """Take a frame as the drive's answer."""
     s.received += 1
     if slots[row, LENGTH_AT] != s.length:
@@ -167,12 +168,12 @@ def ask(sources: Sources) -> None:
     """Note that a SYNC was sent: every source owes an answer."""
     for index in range(len(sources)):
         s: Any = sources[index]
-        if s.owed < MOST_OWED:
+        if s.owed < MOST_ANSWERS_OWED:
             s.owed += 1
 
 
 @kernel
-def answers(s: Source, counts: Whole) -> bool:
+def answers(s: SourceFields, counts: Whole) -> bool:
     """Return whether the newest answer of this cycle belongs to the newest SYNC."""
     received = s.received
     s.received = 0
@@ -190,13 +191,13 @@ def answers(s: Source, counts: Whole) -> bool:
     if s.behind_cycles < CYCLES_TO_CATCH_UP:
         counts[_LATE] += received
         return False
-    s.given_up = min(s.given_up + s.owed, MOST_OWED)
+    s.given_up = min(s.given_up + s.owed, MOST_ANSWERS_OWED)
     s.owed = s.behind_cycles = 0
     return True
 
 
 @kernel
-def book_excess(s: Source, excess: int, counts: Whole) -> None:
+def book_excess(s: SourceFields, excess: int, counts: Whole) -> None:
     """Book answers beyond what is owed: late ones as far as some were given up."""
     s.owed = s.behind_cycles = 0
     late = min(excess, s.given_up)
@@ -207,7 +208,7 @@ def book_excess(s: Source, excess: int, counts: Whole) -> None:
 
 
 @kernel
-def take_over(s: Source, belongs: bool, counts: Whole, sync_ns: int) -> bool:
+def take_over(s: SourceFields, belongs: bool, counts: Whole, sync_ns: int) -> bool:
     """Take over this cycle's value if it is new, belongs to the SYNC and did not jump."""
     candidate = s.candidate
     s.candidate = math.nan

@@ -18,7 +18,6 @@ from teleop_rt_drivers.can_frames import (
     SlotReader,
 )
 from teleop_rt_drivers.canopen import eds, intake, setup
-from teleop_rt_drivers.canopen.drive import RUNNING
 from teleop_rt_drivers.canopen.emergency import emergency_in_words
 from teleop_rt_drivers.canopen.exchange import SENT, UNSENT, exchange
 from teleop_rt_drivers.canopen.intake import (
@@ -31,6 +30,7 @@ from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.source import NOBODY, NOWHERE, new_reading, read_out, side_by_side
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
+from teleop_rt_drivers.drive_intent import RUNNING
 from teleop_rt_drivers.drivetrain import Drivetrain
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from teleop_rt.kernel_record import record_type
 NOWHERE, NOBODY = -1, -1
 
 
-class Source:
+class SourceFields:
     """Fields of a source: places in its frame (NOWHERE: not there), its checks, what is known."""
 
     cob_id: int
@@ -60,9 +60,9 @@ class Source:
     target: int
 
 
-SOURCE_TYPE = record_type(Source)
+SOURCE_TYPE = record_type(SourceFields)
 Sources = NDArray[np.record]
-_NAMES = list(Source.__annotations__)
+_NAMES = list(SourceFields.__annotations__)
 
 
 def place(field: str) -> int:
@@ -83,7 +83,7 @@ class SourceRecord:
     def bind(self, stored: Sources) -> None:
         """Live in this array (1,) from now on, which holds what the record holds."""
         self.stored = stored
-        self.source = cast("Source", stored[0])
+        self.source = cast("SourceFields", stored[0])
         words = stored.view(np.uint8).data
         self.floats, self.counts = words.cast("d"), words.cast("q")
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.drivetrain import Drivetrain
     from teleop_rt_drivers.framed.config import FramedPart
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
-    from teleop_rt_drivers.framed.source import Port, Source
+    from teleop_rt_drivers.framed.source import FramedPort, Source
     from teleop_rt_drivers.framed.stream import Watched
 
 
@@ -42,7 +42,7 @@ class FramedAxis:
         self,
         config: FramedPart,
         rig: RigConfig,
-        ports: Mapping[str, Port],
+        ports: Mapping[str, FramedPort],
         now_ns: Callable[[], int],
         counters: dict[str, int] | None = None,
         drive: FramedDrive | None = None,
@@ -70,7 +70,7 @@ class FramedAxis:
         self._configured = False
         self._watching = False
 
-    def _make_position(self, ports: Mapping[str, Port]) -> MeasuredSignal | None:
+    def _make_position(self, ports: Mapping[str, FramedPort]) -> MeasuredSignal | None:
         if (config := self._config.position) is None:
             return None
         source, unit = _source(ports, config.source), self._rig.units.position
@@ -80,7 +80,7 @@ class FramedAxis:
         name = f"position from {source.name}"
         return MeasuredSignal(name, config, source, scale, bounds, self.counters, held_ms)
 
-    def _make_force(self, ports: Mapping[str, Port]) -> MeasuredSignal | None:
+    def _make_force(self, ports: Mapping[str, FramedPort]) -> MeasuredSignal | None:
         if (config := self._config.force) is None:
             return None
         source, unit = _source(ports, config.source), self._rig.units.force
@@ -90,7 +90,9 @@ class FramedAxis:
         name = f"force from {source.name}"
         return MeasuredSignal(name, config, source, scale, bounds, self.counters, held_ms)
 
-    def _make_drive(self, config: FramedDriveConfig, ports: Mapping[str, Port]) -> FramedDrive:
+    def _make_drive(
+        self, config: FramedDriveConfig, ports: Mapping[str, FramedPort]
+    ) -> FramedDrive:
         port, answer = _port_that_sends(ports, config.command), _source(ports, config.answer)
         by_force = isinstance(config, ForceDriveConfig)
         unit = self._rig.units.force if by_force else self._rig.units.position
@@ -294,7 +296,7 @@ class FramedAxis:
         return drive.lost if drive is not None and drive.silent else ""
 
 
-def _source(ports: Mapping[str, Port], name: str) -> Source:
+def _source(ports: Mapping[str, FramedPort], name: str) -> Source:
     """Return a source by its name. Raises AxisError naming those that there are."""
     for port in ports.values():
         if name in port.sources:
@@ -303,7 +305,7 @@ def _source(ports: Mapping[str, Port], name: str) -> Source:
     raise AxisError(f"there is no source {name!r}; there are: {', '.join(known)}")
 
 
-def _port_that_sends(ports: Mapping[str, Port], command: str) -> Port:
+def _port_that_sends(ports: Mapping[str, FramedPort], command: str) -> FramedPort:
     """Return the port that can send a command. Raises AxisError naming the commands there are."""
     for port in ports.values():
         if command in port.commands:

@@ -33,7 +33,7 @@ from teleop_rt_drivers.framed.stream import arrived_between
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from teleop_rt_drivers.can_frames import Frame
+    from teleop_rt_drivers.can_frames import CanFrame
     from teleop_rt_drivers.framed.config import RawCanPart
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.stream import Watched
@@ -54,7 +54,7 @@ class CanEnd:
         self._counters = counters
         self._send_failures = 0
         self._waiting_frames, self._send_frame = reader_of(bus), single_sender_of(bus)
-        self._kept: list[tuple[Frame, int]] = []
+        self._kept: list[tuple[CanFrame, int]] = []
         self._stamps = stamps_arrivals(bus)
         self.descriptor = -1 if self._stamps else descriptor_of(bus)
         self.empty_ns = 0
@@ -97,7 +97,7 @@ class CanEnd:
         elif self.empty_ns:
             self.empty_ns = now_ns
 
-    def _sort(self, frame: Frame, arrived_ns: int) -> None:
+    def _sort(self, frame: CanFrame, arrived_ns: int) -> None:
         """Take a data frame; count every other, and find the fault that an error frame reports."""
         can_id, data, _ = frame
         if not (can_id < 0 or can_id & (ERROR | REMOTE)):  # nearly always

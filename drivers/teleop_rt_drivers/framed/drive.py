@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 import math
-from enum import Enum
 from typing import TYPE_CHECKING
+
+from teleop_rt_drivers.drive_intent import ARMING, IDLE, POWERING, RUNNING, STOPPED
 
 if TYPE_CHECKING:
     from teleop_rt.axis import Sample
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
-    from teleop_rt_drivers.framed.source import Port, Source, Values
+    from teleop_rt_drivers.framed.source import FramedPort, Source, Values
     from teleop_rt_drivers.quantity import Scale
-
-
-class Intent(Enum):
-    """The requested state of the drive."""
-
-    IDLE = "no power"
-    ARMING = "on the way to following"
-    RUNNING = "following"
-    STOPPED = "stopped, and stays so until armed again"
-
-
-# By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call.
-_IDLE, _ARMING, _RUNNING, _STOPPED = Intent
-_POWERING = (_ARMING, _RUNNING)
 
 
 class FramedDrive:
@@ -39,12 +26,12 @@ class FramedDrive:
     def __init__(
         self,
         config: FramedDriveConfig,
-        port: Port,
+        port: FramedPort,
         answer: Source,
         scale: tuple[Scale, Scale],
         counters: dict[str, int],
     ) -> None:
-        self.intent = _IDLE
+        self.intent = IDLE
         self.fell_out = False
         self.known = False
         self.enabled = self.silent = False
@@ -87,7 +74,7 @@ class FramedDrive:
 
     def reset(self, now_ns: int) -> None:
         """Begin again without power."""
-        self.intent = _IDLE
+        self.intent = IDLE
         self.fell_out = self.known = False
         self._state = -1
         self._heard_ns = now_ns
@@ -99,19 +86,19 @@ class FramedDrive:
     def arm(self) -> None:
         """Begin to ask the drive to follow."""
         self.fell_out = False
-        self.intent = _ARMING
+        self.intent = ARMING
         self._aligned = self._config.zero == "encoder"
 
     def settle(self, now_ns: int) -> bool:
         """Advance the intent by what this cycle brought; return whether anything is wrong."""
         following = self._state == self._states.following
-        if self.intent is _ARMING and following:
-            self.intent = _RUNNING
-        elif self.intent is _RUNNING and not following:
-            self.intent = _STOPPED
+        if self.intent is ARMING and following:
+            self.intent = RUNNING
+        elif self.intent is RUNNING and not following:
+            self.intent = STOPPED
             self.fell_out = True
         self.silent = silent = now_ns - self._heard_ns > self._timeout_ns
-        self.enabled = self.intent is _RUNNING and not silent
+        self.enabled = self.intent is RUNNING and not silent
         return silent or self.fell_out or self._state == self._states.fault
 
     def fill(self, sample: Sample) -> None:
@@ -121,7 +108,7 @@ class FramedDrive:
 
     def command(self, position: float) -> None:
         """Send the command for a position [rig unit]; one that is no number repeats the last."""
-        if self.intent is not _RUNNING:
+        if self.intent is not RUNNING:
             self._target = self._at_rest()
             self._send(self._control())
             return
@@ -143,7 +130,7 @@ class FramedDrive:
 
     def stop(self) -> None:
         """Stop at once, and ask for nothing else from now on."""
-        self.intent = _STOPPED
+        self.intent = STOPPED
         self._target = self._at_rest()
         self._send(self._control())
 
@@ -154,10 +141,10 @@ class FramedDrive:
     def _control(self) -> int:
         """Return the control value for the present intent and state."""
         controls, states = self._controls, self._states
-        if self.intent in _POWERING:
+        if self.intent in POWERING:
             return controls.follow
         moving = self._state in (states.following, states.stopping)
-        return controls.stop if self.intent is _STOPPED and moving else controls.off
+        return controls.stop if self.intent is STOPPED and moving else controls.off
 
     @property
     def complaint(self) -> str:

@@ -106,7 +106,7 @@ _HINTS = {
 }
 
 
-class Port(Protocol):
+class FramedPort(Protocol):
     """A serial port or a CAN bus: never blocks and never raises but while it is opened."""
 
     @property

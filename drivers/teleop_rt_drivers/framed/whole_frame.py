@@ -40,7 +40,7 @@ FINE = 1
 _CODE_BITS, _CODE = 4, 0xF
 
 
-class Frame:
+class FrameFields:
     """Fields of a frame's description, and how many bytes were `received` last.
 
     That is minus the number of an error where the line is gone.
@@ -59,8 +59,8 @@ class Frame:
     received: int
 
 
-_FRAME = record_type(Frame)
-_RECEIVED = list(Frame.__annotations__).index("received")
+_FRAME = record_type(FrameFields)
+_RECEIVED = list(FrameFields.__annotations__).index("received")
 Frames = NDArray[np.record]
 Places = NDArray[np.int64]
 Numbers = NDArray[np.float64]
@@ -93,7 +93,7 @@ def holds(data: Bytes | bytes, at: int, wanted: Bytes) -> bool:
 
 @kernel
 def is_sound(
-    frame: Frame,
+    frame: FrameFields,
     check: StoredCheck,
     table: Table,
     sync: Bytes,
@@ -112,7 +112,7 @@ def is_sound(
 
 
 @kernel
-def is_next(frame: Frame, last: Whole, numbers: Numbers) -> bool:
+def is_next(frame: FrameFields, last: Whole, numbers: Numbers) -> bool:
     """Return whether a frame's count follows the last one; if so it is the last one now."""
     if frame.counter < 0:
         return True
@@ -215,7 +215,7 @@ class WholeFrames:
     def __init__(self, format_: BinaryFormat, source: Source, last: Whole) -> None:
         description = described(format_)
         stored = description[0]
-        frame = cast("Frame", stored[0])
+        frame = cast("FrameFields", stored[0])
         frame.values = source.value_count
         memory = np.zeros(READ_BYTES, np.uint8)
         frame.place = memory.ctypes.data
@@ -241,7 +241,7 @@ def described(
 ) -> tuple[Frames, StoredCheck, Table, Bytes, Bytes, Places]:
     """Return a format for kernels: its frame, checksum with table, first and last bytes, fields."""
     stored: Frames = np.zeros(1, _FRAME)
-    frame = cast("Frame", stored[0])
+    frame = cast("FrameFields", stored[0])
     sync, end = _bytes_of(format_.sync), _bytes_of(format_.end)
     kind, span = None, None
     if format_.checksum is not None:

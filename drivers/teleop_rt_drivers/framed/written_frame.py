@@ -16,7 +16,7 @@ from teleop_rt_drivers.framed.whole_frame import FLOAT, SIGNED, SINGLE, UNSIGNED
 if TYPE_CHECKING:
     from teleop_rt_drivers.framed.format import BinaryFormat
     from teleop_rt_drivers.framed.source import Values
-    from teleop_rt_drivers.framed.whole_frame import Frame, Frames, Numbers, Places, Whole
+    from teleop_rt_drivers.framed.whole_frame import FrameFields, Frames, Numbers, Places, Whole
 
 NO_WORD = -1 << 20
 """In place of a number of bytes: a field has no word for a number, and nothing was sent."""
@@ -118,7 +118,7 @@ class FrameWriter:
         self._fill = struct.Struct(f"{len(wanted)}d").pack_into
         self._wanted, self._data, self.size = wanted.data, data.data, format_.size
         arrays = (*described(format_), next_count, wanted, data)
-        cast("Frame", arrays[0][0]).place = data.ctypes.data
+        cast("FrameFields", arrays[0][0]).place = data.ctypes.data
         self._write = bound(write_frame, arrays)
         self._send = bound(send_frame, arrays, 0)
 

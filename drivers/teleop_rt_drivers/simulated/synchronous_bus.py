@@ -13,7 +13,7 @@ from teleop_rt_drivers.can_frames import UNREADABLE, flagged_id, plain_message
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from teleop_rt_drivers.can_frames import Frame, Outgoing
+    from teleop_rt_drivers.can_frames import CanFrame, Outgoing
 
     Travelling = can.Message | Outgoing
     """A frame as it was sent: a tuple takes a fraction of what python-can's message takes."""
@@ -111,11 +111,11 @@ class SynchronousBus(can.BusABC):
         frame = self._next()
         return plain_message(*frame) if isinstance(frame, tuple) else frame
 
-    def waiting_frames(self, most: int) -> list[Frame]:
+    def waiting_frames(self, most: int) -> list[CanFrame]:
         """Return what has come, `most` frames at most; never raises, as on other buses."""
         if not self._plugged:
             return [(UNREADABLE, b"", 0)] * most
-        frames: list[Frame] = []
+        frames: list[CanFrame] = []
         queue = self._queue
         for _ in range(most):
             if not queue and not self._asked():

@@ -14,7 +14,7 @@ _ROWS = 8000  # samples of the normal equations; more change the third digit of 
 _RIDGE = 1e-10  # of the columns' mean square; keeps collinear terms solvable
 
 
-class Blocks:
+class FoldEquations:
     """Normal equations of each fold over the samples that count, from which errors follow."""
 
     def __init__(self, rows: Matrix, force: Vector, where: Vector) -> None:

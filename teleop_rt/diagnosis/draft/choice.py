@@ -10,7 +10,7 @@ from math import factorial
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.draft.blocks import Blocks
+from teleop_rt.diagnosis.draft.blocks import FoldEquations
 from teleop_rt.diagnosis.draft.terms import (
     GROUPS,
     Group,
@@ -77,7 +77,7 @@ def law_of(problem: Problem, fit: Fit, *, of_time: bool = True) -> Law | None:
     inside = problem.motion.x + fit.model.shift(fit.zeta) > 0.0
     found = []
     for gated in (True, False) if scaling.touches else (False,):
-        blocks = Blocks(
+        blocks = FoldEquations(
             np.concatenate((own, rows * inside if gated else rows)), problem.force, where
         )
         chosen = _exchanged(blocks, len(own), _forward(blocks, len(own), len(terms)), len(terms))
@@ -100,7 +100,7 @@ def law_of(problem: Problem, fit: Fit, *, of_time: bool = True) -> Law | None:
 
 
 def shares(
-    blocks: Blocks, own: int, terms: Sequence[Term], chosen: Sequence[int]
+    blocks: FoldEquations, own: int, terms: Sequence[Term], chosen: Sequence[int]
 ) -> dict[Group, float]:
     """Return the share of the base's mean square that depends on each group of terms.
 
@@ -144,7 +144,7 @@ def _own_rows(problem: Problem, fit: Fit) -> Matrix:
     return np.array(rows).reshape(len(rows), x.size)
 
 
-def _forward(blocks: Blocks, own: int, count: int) -> list[int]:
+def _forward(blocks: FoldEquations, own: int, count: int) -> list[int]:
     """Return the places of the terms that lower the mean square on hidden blocks, best first."""
     free = list(range(own, own + count))
     chosen: list[int] = []
@@ -159,7 +159,7 @@ def _forward(blocks: Blocks, own: int, count: int) -> list[int]:
     return chosen
 
 
-def _exchanged(blocks: Blocks, own: int, chosen: list[int], count: int) -> list[int]:
+def _exchanged(blocks: FoldEquations, own: int, chosen: list[int], count: int) -> list[int]:
     """Return the terms after exchanges for better ones beside the others, until none is better.
 
     Forward choice alone keeps terms that it chose without the later ones.
@@ -175,7 +175,7 @@ def _exchanged(blocks: Blocks, own: int, chosen: list[int], count: int) -> list[
     return chosen
 
 
-def _thinned(blocks: Blocks, own: int, chosen: list[int]) -> list[int]:
+def _thinned(blocks: FoldEquations, own: int, chosen: list[int]) -> list[int]:
     """Return the terms without those that later ones made unnecessary."""
     for place in list(chosen[:-1]):
         rest = [other for other in chosen if other != place]

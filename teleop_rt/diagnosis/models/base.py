@@ -15,7 +15,7 @@ TermFunction = Callable[[Vector, Vector, Vector], Vector]
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class BaseTerm:
     """One term of a base model: `function(x, v, a)` times the parameter `name`.
 
     `in_contact` terms are the material's; of them `uses_power` states that x means x^n.
@@ -37,7 +37,7 @@ class Base:
     """
 
     name: str
-    terms: tuple[Term, ...]
+    terms: tuple[BaseTerm, ...]
     finds_surface: bool = False
 
     @property
@@ -113,16 +113,16 @@ def _constant(x: Vector, v: Vector, a: Vector) -> Vector:  # noqa: ARG001 - as a
 
 
 TERMS = {
-    "stiffness": Term("k", "{f}/{x}", _depth),
-    "damping": Term("b", "{f} s/{x}", _speed),
-    "unilateral-damping": Term("b", "{f} s/{x}", _forward),
-    "contact-mass": Term("m", "{f} s^2/{x}", _acceleration),
-    "power-stiffness": Term("k", "{f}/{x}^n", _depth, uses_power=True),
-    "power-damping": Term("b", "{f} s/{x}^(n+1)", _damping, uses_power=True),
-    "spring": Term("k", "{f}/{x}", _depth, nonnegative=False, in_contact=False),
-    "mass": Term("m", "{f} s^2/{x}", _acceleration, in_contact=False),
-    "viscous": Term("c", "{f} s/{x}", _speed, in_contact=False),
-    "bias": Term("f0", "{f}", _constant, nonnegative=False, in_contact=False),
+    "stiffness": BaseTerm("k", "{f}/{x}", _depth),
+    "damping": BaseTerm("b", "{f} s/{x}", _speed),
+    "unilateral-damping": BaseTerm("b", "{f} s/{x}", _forward),
+    "contact-mass": BaseTerm("m", "{f} s^2/{x}", _acceleration),
+    "power-stiffness": BaseTerm("k", "{f}/{x}^n", _depth, uses_power=True),
+    "power-damping": BaseTerm("b", "{f} s/{x}^(n+1)", _damping, uses_power=True),
+    "spring": BaseTerm("k", "{f}/{x}", _depth, nonnegative=False, in_contact=False),
+    "mass": BaseTerm("m", "{f} s^2/{x}", _acceleration, in_contact=False),
+    "viscous": BaseTerm("c", "{f} s/{x}", _speed, in_contact=False),
+    "bias": BaseTerm("f0", "{f}", _constant, nonnegative=False, in_contact=False),
 }
 
 MODELS: dict[str, tuple[str, ...]] = {
