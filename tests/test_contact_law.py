@@ -5,7 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from teleop_rt.contact.law import depth_of, spring_force, spring_slope, touches
+from teleop_rt.contact.law import (
+    depth_of,
+    spring_energy,
+    spring_force,
+    spring_force_of_log,
+    spring_slope,
+    touches,
+)
 from teleop_rt.contact.models import MODELS, contact_force
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.estimation import rows as row_kinds
@@ -55,6 +62,16 @@ def test_depth_and_slope_of_a_spring_belong_to_its_force(exponent):
             )
             slope = spring_slope(x, 900.0, exponent)
             assert slope == pytest.approx(rise / (0.002 * x), rel=1e-6)
+
+
+@pytest.mark.parametrize("exponent", [0.8, 1.0, 1.6])
+def test_the_logarithm_and_the_energy_of_a_spring_belong_to_its_force(exponent):
+    for x in (x for x, _, _ in MOTIONS if x > 0.0):
+        force = spring_force(x, 900.0, exponent)
+        assert spring_force_of_log(x, math.log(900.0), exponent) == pytest.approx(force, rel=1e-12)
+        depths = np.linspace(0.0, x, 2001)
+        work = np.trapezoid(spring_force(depths, 900.0, exponent), depths)
+        assert spring_energy(x, 900.0, exponent) == pytest.approx(work, rel=1e-4)
 
 
 def test_a_tool_at_the_surface_is_in_free_air_by_one_rule_for_a_sample_and_for_many():

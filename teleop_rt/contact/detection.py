@@ -316,8 +316,12 @@ def detect_all(
 def surfaces_met(settings: Vector, positions: Vector, forces: Vector) -> Vector:
     """Return where each contact of a recording met the surface, as it is found on line.
 
-    Contacts that begin elsewhere than in free air are left out. settings (N_DETECTION,);
-    positions, forces (n,): aligned.
+    Off line this is one of two ways, because two problems differ. The detector has the samples up
+    to now, presumes one mean force in free air and settings of the rig, and decides within a
+    cycle. diagnosis/samples/onset.py has the whole recording, without settings, of a tool that may
+    have friction and a weight: it searches all approaches for corners first, and uses the
+    detector where none is clear. Contacts that begin elsewhere than in free air are left out.
+    settings (N_DETECTION,); positions, forces (n,): aligned.
     """
     state, rings, room = np.zeros(N_DETECTOR), np.zeros((3, HISTORY)), np.zeros(N_ROOM)
     found = np.zeros(positions.size)

@@ -6,6 +6,7 @@ Each function is plain Python where Python calls it, and compiled into the kerne
 
 from __future__ import annotations
 
+import math
 from typing import overload
 
 import numpy as np
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.jit import shared
+
+MOST_LOG_FORCE = 50.0
+"""Largest |ln f| of a force [rig unit]: e⁵⁰ is beyond any force, and its square still a number."""
 
 
 @overload
@@ -28,11 +32,29 @@ def touches(depth: float | Vector) -> bool | NDArray[np.bool_]:
     return depth > 0.0
 
 
+@overload
+def spring_force(depth: float, stiffness: float, exponent: float) -> float: ...
+@overload
+def spring_force(depth: Vector, stiffness: float, exponent: float) -> Vector: ...
 @shared
-def spring_force(depth: float, stiffness: float, exponent: float) -> float:
+def spring_force(depth: float | Vector, stiffness: float, exponent: float) -> float | Vector:
     """Return k xⁿ at a depth >= 0."""
-    force: float = stiffness * depth**exponent
+    force: float | Vector = stiffness * depth**exponent
     return force
+
+
+@shared
+def spring_force_of_log(depth: float, log_stiffness: float, exponent: float) -> float:
+    """Return k xⁿ of ln k at a depth > 0, as estimators hold k: no k or n overflows."""
+    log_force = log_stiffness + exponent * math.log(depth)
+    return math.exp(min(max(log_force, -MOST_LOG_FORCE), MOST_LOG_FORCE))
+
+
+@shared
+def spring_energy(depth: float, stiffness: float, exponent: float) -> float:
+    """Return k xⁿ⁺¹ / (n + 1), the energy stored at a depth >= 0."""
+    energy: float = stiffness * depth ** (exponent + 1.0) / (exponent + 1.0)
+    return energy
 
 
 @shared

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import spring_force_of_log
 from teleop_rt.jit import kernel
 
 Matrix = NDArray[np.float64]
@@ -261,5 +262,5 @@ def choose_surface(buffer: Matrix, refit: Vector, air: float, unnoticed: float) 
     force = refit[LINEAR_STIFFNESS] * depth
     if curved:
         _, scale, exponent = power_law(buffer, int(refit[KEPT]), refit[FOUND])
-        force = math.exp(scale + exponent * math.log(depth))
+        force = spring_force_of_log(depth, scale, exponent)
     return bool(force < unnoticed)

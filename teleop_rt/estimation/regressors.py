@@ -6,10 +6,8 @@ settings); forces stay in the rig's unit, so errors are forces. `parameters.py` 
 
 from __future__ import annotations
 
-import math
-
 from teleop_rt.contact.effect import Vector
-from teleop_rt.contact.law import linear_force
+from teleop_rt.contact.law import linear_force, spring_force_of_log, touches
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.algebraic import (
@@ -94,10 +92,9 @@ def model_force(code: int, theta: Vector, x: float, v: float, v_in: float, a: fl
     v_in is max(v, 0), filtered. Hunt-Crossley never pulls.
     """
     if code == row_kinds.HUNT_CROSSLEY:
-        if x <= 0.0:
+        if not touches(x):
             return 0.0
-        exponent = theta[0] + theta[2] * math.log(x)
-        value = math.exp(min(max(exponent, -50.0), 50.0)) * (1.0 + theta[1] * v)
+        value = spring_force_of_log(x, theta[0], theta[2]) * (1.0 + theta[1] * v)
         return max(float(value), 0.0)
     if code == row_kinds.MASS_SPRING_DAMPER:
         return float(theta[0] * a + theta[1] * x + theta[2] * v)

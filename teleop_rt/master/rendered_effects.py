@@ -60,7 +60,7 @@ class EffectMemory:
     def advance(self, depth: float, velocity: float, t_s: float, dt_s: float) -> None:
         """Follow the hand by one tick to a depth."""
         self.depth, self.velocity, self.time_s = depth, velocity, t_s
-        if self.in_contact and depth <= 0.0 and not self.effect.state_size:
+        if self.in_contact and not touches(depth) and not self.effect.state_size:
             self.value = self.elastic = 0.0
             return
         self.value = self.effect.step(self.state, depth, velocity, 0.0, t_s, dt_s, self.eta)
@@ -91,7 +91,7 @@ class EffectMemory:
 
         An internal spring of the quick stiffness s holds z^2 / (2 s) at the force z.
         """
-        if depth <= 0.0 or self.moves:
+        if not touches(depth) or self.moves:
             return 0.0
         if self.effect.state_size:
             quick = self.slope(depth)[0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from teleop_rt.contact.law import damping_at, depth_of, spring_force, touches
+from teleop_rt.contact.law import damping_at, depth_of, spring_energy, spring_force, touches
 from teleop_rt.jit import kernel, shared
 
 _LARGEST_LOGARITHM = 700.0
@@ -83,7 +83,7 @@ def damped(law: DepthLaw, x: float, velocity: float) -> float:
 def energy_at(law: DepthLaw, x: float) -> float:
     """Return the energy of the spring at a depth x >= 0."""
     bent = min(x, law.knee)
-    energy: float = law.k * bent ** (law.n + 1.0) / (law.n + 1.0)
+    energy = spring_energy(bent, law.k, law.n)
     straight = x - bent
     if straight <= 0.0:
         return energy

@@ -5,12 +5,13 @@ from __future__ import annotations
 from math import exp
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.law import spring_force, touches
 from teleop_rt.jit import kernel
 
 
 @kernel
 def _power(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
-    return float(max(x, 0.0) ** eta[0])
+    return spring_force(max(x, 0.0), 1.0, eta[0])
 
 
 @kernel
@@ -49,14 +50,14 @@ def _weakened(
 def _weakened_alike(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    return 0.0 if x <= 0.0 else -max(x + eta[1] * v, 0.0) * (1.0 - exp(-t / eta[0]))
+    return -max(x + eta[1] * v, 0.0) * (1.0 - exp(-t / eta[0])) if touches(x) else 0.0
 
 
 @kernel
 def _weakened_by_load(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    if x <= 0.0:
+    if not touches(x):
         return 0.0
     state[0] += x * dt
     return float(-max(x + eta[1] * v, 0.0) * eta[0] * (1.0 - exp(-state[0] / eta[0])))

@@ -135,7 +135,7 @@ def _set_during_unloading(
 ) -> float:
     """Lower the surface to a share of the deepest penetration once the tool has left it."""
     state[0] = max(state[0], x)
-    if x <= 0.0:
+    if not touches(x):
         state[1] = max(state[0], 0.0)
     return float(-state[1])
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.contact.law import touches
+from teleop_rt.contact.law import spring_force, touches
 from teleop_rt.errors import ExpectedError
 
 TermFunction = Callable[[Vector, Vector, Vector], Vector]
@@ -77,7 +77,8 @@ class Base:
         depth = np.maximum(x, 0.0)
         raised = depth
         if self.has_power:  # in contact alone: powers of 0 are slow
-            raised = np.power(depth, power, out=np.zeros_like(depth), where=contact)
+            raised = np.zeros_like(depth)
+            raised[contact] = spring_force(depth[contact], 1.0, power)
         found = []
         for term in self.terms:
             if not term.in_contact:

@@ -11,6 +11,7 @@ from numba import types
 from numba.experimental.function_type import _get_wrapper_address
 
 from teleop_rt.contact.effect import Effect, StepFunction, Vector
+from teleop_rt.contact.law import damping_at, spring_force, touches
 from teleop_rt.jit import kernel
 
 _F8 = types.float64
@@ -178,7 +179,7 @@ def _press_in_series(
 ) -> None:
     last = rise = 0.0
     for i in range(x.size):
-        if x[i] <= 0.0:
+        if not touches(x[i]):
             last = rise = 0.0
             continue
         f = last + rise
@@ -190,8 +191,8 @@ def _press_in_series(
             f = min(f, 0.999 * x[i] / c)
             p = x[i] - c * f
             w = v[i] - c * (f - last) / dt
-            spring = k * p**n
-            damper = b * (spring / k if nb == n else p**nb)
+            spring = spring_force(p, k, n)
+            damper = b * (spring / k) if nb == n else damping_at(p, b, nb)  # one power, not two
             value = spring + damper * w
             slope = -c * ((n * spring + nb * damper * w) / p + damper / dt)
             step = (value - f) / (1.0 - min(slope, 0.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import differentiate
@@ -45,7 +46,7 @@ def is_held(recording: Recording) -> bool:
     fits = []
     for surface in np.quantile(x, np.linspace(0.05, 0.95, _PLACES)):
         depth = x - surface
-        inside = depth > 0.0
+        inside = touches(depth)
         rows = np.array([np.minimum(depth, 0.0), np.maximum(depth, 0.0),
                          v * ~inside, v * inside, np.ones_like(x)])  # fmt: skip
         theta, energy, *_ = np.linalg.lstsq(rows.T, force, rcond=None)

@@ -8,6 +8,7 @@ import numpy as np
 
 from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.least_squares import least_squares
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.rows import force_noise
@@ -131,7 +132,7 @@ def _force_of_tool(position: Vector, force: Vector, dt: float, along: int = 0) -
 
     def fitted(corner: float) -> tuple[float, Vector]:
         depth = np.maximum(x - corner, 0.0) / travel
-        damped = np.where(depth > 0.0, rows[0], 0.0)
+        damped = np.where(touches(depth), rows[0], 0.0)
         lines = np.array([*rows, np.ones_like(x), depth, depth**2, damped, depth * damped])
         theta = least_squares(lines, measured)
         return float(np.sum((measured - theta @ lines) ** 2)), theta
