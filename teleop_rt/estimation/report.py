@@ -54,7 +54,7 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
             "std": None if unknown else _number(std),
             "unit": _unit(row, name, position, force),
         }
-        if name in {"k", "b", "m"} and not unknown and (std is not None or values[i] < 0.0):
+        if name in {"k", "b", "m", "n"} and not unknown and (std is not None or values[i] < 0.0):
             parameters[name]["identified"] = bool(values[i] > 2.0 * (std or 0.0))
     out = {
         "model": row.model,
@@ -76,14 +76,14 @@ def report_row(pipeline: Pipeline, index: int, position: str, force: str) -> dic
 def report(pipeline: Pipeline, position: str = "m", force: str = "N") -> list[dict[str, Any]]:
     """Return all rows as in summary.json, JSON-ready: null where a value is not known.
 
-    position, force: the rig's units. `identified` stands beside k, b and m
+    position, force: the rig's units. `identified` accompanies k, b, m and n
     that have a standard deviation: whether they are positive by two of them. A negative one is not.
     """
     return [report_row(pipeline, i, position, force) for i in range(len(pipeline.rows))]
 
 
 def identified(row: Mapping[str, Any]) -> bool:
-    """Return whether a reported row may be believed: it is estimated, and so are k, b and m."""
+    """Return whether a reported row may be believed: it is estimated, and so are k, b, m and n."""
     found = row["parameters"].values()
     return row["status"] in {"estimated", "held"} and all(
         one["value"] is not None and one.get("identified", True) for one in found

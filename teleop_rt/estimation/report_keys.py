@@ -17,8 +17,8 @@ class EstimatedParameter(Keys):
     unit: str
     """Unit of value and std."""
     identified: NotRequired[bool]
-    """Whether a stiffness, damping or mass is above zero by two standard deviations; absent where
-    there is no standard deviation."""
+    """Whether a stiffness, damping, mass or exponent is above zero by two standard deviations;
+    absent where there is no standard deviation, unless it is negative."""
 
 
 class SelectedEstimator(Keys):

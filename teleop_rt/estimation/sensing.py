@@ -69,12 +69,17 @@ def advance(state: index.BankState, channel: int, u: float) -> None:
 def expected_force(state: index.BankState, x: float) -> float:
     """Return the force to judge logarithms by: predicted where a Hunt-Crossley row is ready.
 
-    Gating on the measured force would truncate its noise and bias the logarithm.
+    Gating on the measured force would truncate its noise and bias the logarithm. A row whose
+    exponent is not positive is not asked: a rest just inside the surface leaves such a one now and
+    then. It expects less force the deeper the tool is, so the gate would stay closed, and the row
+    never learn better.
     """
     for r in range(int(state.settings[index.N_ROWS])):
         if state.codes[r] == row_kinds.HUNT_CROSSLEY and state.bank[r, layout.READY] > 0.0:
             v = state.channels[index.P, RATE] / state.settings[index.SPEED]
             theta = state.bank[r, layout.THETA :]
+            if theta[2] <= 0.0:
+                continue
             return model_force(row_kinds.HUNT_CROSSLEY, theta, x, v, 0.0, 0.0)
     return float(state.channels[index.F, VALUE]) if state.q[index.RUNNING] > 0.0 else 0.0
 
