@@ -7,10 +7,11 @@ the swings. From there on it has one wall: that of this moment, or that of the e
 where they begin with a first touch. It never changes while the hand is in it, or in what it would
 change to: a wall that moves where nobody feels it does no work. No model, no offset, no news, no
 sampling and no latency has a part in it; the wall stays, or moves on as the body does. What the
-hand does there is its own share. Swings are its own where it makes a row there at that time, as
-long and as fast and about as large, or where little and nothing sustained remains once its motion
-there is subtracted. The first finds a hand that bounces in its own rhythm, whose motions drift
-apart by a touch that was earlier; the second finds tremor, of which five swings are chance.
+hand does there is its own share. Swings are its own where it makes a row there at that time, about
+as fast and as large, and so long that fewer than five swings are left, or where little and nothing
+sustained remains once its motion there is subtracted. The first finds a hand that bounces in its
+own rhythm, whose motions drift apart by a touch that was earlier; the second finds tremor, of which
+five swings are chance.
 """
 
 from __future__ import annotations
@@ -219,6 +220,10 @@ def _at_once(one: Swings, row: Swings) -> bool:
 
 
 def _covers(own: Swings, row: Swings) -> bool:
-    """Return whether a hand's own row is as long as another, about as large and as fast."""
+    """Return whether a hand's own row is about as large and as fast as another, and leaves no row.
+
+    Fewer than SUSTAINED swings of the other are then left that the hand does not make.
+    """
     pitch = 1 / SAME_PITCH < own.hz / row.hz < SAME_PITCH
-    return own.swings >= row.swings and own.size_m >= IDEAL_SHARE * row.size_m and pitch
+    left = row.swings - own.swings
+    return left < SUSTAINED and own.size_m >= IDEAL_SHARE * row.size_m and pitch
