@@ -215,6 +215,17 @@ def test_the_example_shows_the_cells_of_the_notebook_and_their_outputs(site):
     assert 'src="data:image/png;base64,' in text, "its figure"
 
 
+@contextmanager
+def without_memory(browser):
+    """Let each page begin with no stored scheme: a page keeps that of the last one."""
+    forget = {"source": "localStorage.clear()"}
+    added = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", forget)
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
+
+
 _NOT_REACHED = """
 return [...document.querySelectorAll('.md-content *')]
   .filter((one) => one.scrollWidth > one.clientWidth + 1 && one.tabIndex < 0)
@@ -227,15 +238,15 @@ return [...document.querySelectorAll('.md-content *')]
 def test_the_site_has_contrast_and_a_keyboard_reaches_what_scrolls(chromium, site, width, scheme):
     resize(chromium, width, scheme)
     found = []
-    for name in ("index", "python", "howto/odrive", "howto/effect", "reference/trial-plant"):
-        chromium.get((site / f"{name}.html").as_uri())
-        chromium.execute_script("localStorage.clear()")  # it keeps the scheme of the last page
-        chromium.refresh()
-        body = chromium.find_element("css selector", "body")
-        ground = {"light": "default", "dark": "slate"}[scheme]
-        assert body.get_attribute("data-md-color-scheme") == ground
-        found += [f"{name}: {one}" for one in contrast_failures(chromium)]
-        found += [f"{name}: not reached: {one}" for one in chromium.execute_script(_NOT_REACHED)]
-        dialog = chromium.find_element("css selector", "[role=dialog]")
-        assert dialog.get_attribute("aria-label") == "search"
+    with without_search(chromium), without_memory(chromium):
+        for name in ("index", "python", "howto/odrive", "howto/effect", "reference/trial-plant"):
+            chromium.get((site / f"{name}.html").as_uri())
+            body = chromium.find_element("css selector", "body")
+            ground = {"light": "default", "dark": "slate"}[scheme]
+            assert body.get_attribute("data-md-color-scheme") == ground
+            found += [f"{name}: {one}" for one in contrast_failures(chromium)]
+            missed = chromium.execute_script(_NOT_REACHED)
+            found += [f"{name}: not reached: {one}" for one in missed]
+            dialog = chromium.find_element("css selector", "[role=dialog]")
+            assert dialog.get_attribute("aria-label") == "search"
     assert found == []
