@@ -19,15 +19,17 @@ force as it will be once a command has turned the drive. A tool that moves at v 
 further whatever is commanded, so the command uses what is left of that room no faster than in
 TURN_S: at a jump of the target, a locking foam is met slowly enough to be turned in. The room
 counts from the tool, or from the command where the tool is still to be drawn back to it: its way
-back into a damped body is force, too. The slope sets the pace alone: wherever it is more than half
-of the true one, the force settles at the same share of the cap. Steeper slopes and secants count at
-once, softer ones as their memory fades: while the tool draws back, damping makes the wall look
-soft. A slope fades only where another is measured: a tool that stands at the cap learns nothing,
-and would ring each time it has forgotten. A tool that is pressed before the surface that is known
-stands in a body that has come nearer: no secant is known then, and a slope may be the body's own
-motion, so the rig's stiffest wall is expected. No guard can prevent the force of a wall that
-becomes stiffer around the tool, or the depth added until a sample shows it and the drive, commanded
-to go in at v, has reversed: F <= max(cap, F_found + k (v t_turn + v²/2a)).
+back into a damped body is force, too. Within the known surface it counts at any force: a tool on
+its way out of such a body feels none, would come back at its fastest, and chatter. The slope sets
+the pace alone: wherever it is more than half of the true one, the force settles at the same share
+of the cap. Steeper slopes and secants count at once, softer ones as their memory fades: while the
+tool draws back, damping makes the wall look soft. A slope fades only where another is measured: a
+tool that stands at the cap learns nothing, and would ring each time it has forgotten. A tool that
+is pressed before the surface that is known stands in a body that has come nearer: no secant is
+known then, and a slope may be the body's own motion, so the rig's stiffest wall is expected. No
+guard can prevent the force of a wall that becomes stiffer around the tool, or the depth added until
+a sample shows it and the drive, commanded to go in at v, has reversed: F <= max(cap, F_found + k (v
+t_turn + v²/2a)).
 """
 
 from __future__ import annotations
@@ -155,10 +157,12 @@ def guarded(
         depth_cap = min(depth_cap, depth_by_secant(t, position - surface, force))
         target = min(target, surface + depth_cap)
     ahead = force_ahead(t, position, force)
-    steep = max(t.slope, t.secant)
-    if position <= surface and math.isfinite(t.stiffest):
-        steep = max(steep, t.stiffest)
-    if steep > 0.0 and ahead > PROBING_SHARE * t.force_cap:
+    steep, presses = t.slope, ahead > PROBING_SHARE * t.force_cap
+    if presses:
+        steep = max(steep, t.secant)
+        if position <= surface and math.isfinite(t.stiffest):
+            steep = max(steep, t.stiffest)
+    if steep > 0.0 and (presses or position > surface):
         room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
         left = room - max(0.0, command - position)
         if left > 0.0:

@@ -125,17 +125,16 @@ def test_above_the_cap_by_where_the_force_is_heading_the_tool_turns_before():
     assert last < 0.015, "by 10 N a tick it is above 90 N before a command turns the drive"
 
 
-def pressed(wish, foam, locking, approach=0.0, seconds=2.5):
-    """Return the largest force of a tool led by `wish(t)` into k x + k x^2/(L - x).
+def led(wish, body, seconds):
+    """Return the places and forces of a tool led by `wish(t)` into a `body(x, velocity, t)`.
 
-    It is behind a drive of 100 Hz, samples are two cycles old, and the surface comes nearer.
+    It is behind a drive of 100 Hz, and samples are two cycles old.
     """
     guarding, period_s, natural = guard(), 1e-3, 2 * math.pi * 100
     position = reference = wish(0.0)
-    velocity = largest = surface = 0.0
+    velocity, rows = 0.0, []
     late, steps = [(position, 0.0)] * 3, 20
     for tick in range(round(seconds / period_s)):
-        surface = max(-0.015, surface - approach * period_s)
         allowed = update(
             guarding, wish(tick * period_s), command=reference, position=late[0][0],
             force=late[0][1], contact_id=1, acknowledged=1, surface=0.0,
@@ -145,12 +144,37 @@ def pressed(wish, foam, locking, approach=0.0, seconds=2.5):
             pull = natural**2 * (reference - position) - 2 * natural * velocity
             velocity += pull * period_s / steps
             position += velocity * period_s / steps
-        depth = max(0.0, position - surface)
-        squeezed = min(depth, 0.98 * locking)
-        force = foam * (depth + squeezed**2 / (locking - squeezed))
+        force = body(position, velocity, (tick + 1) * period_s)
         late = [*late[1:], (position, force)]
-        largest = max(largest, force)
-    return largest
+        rows.append((position, force))
+    return np.array(rows).T
+
+
+def pressed(wish, foam, locking, approach=0.0, seconds=2.5):
+    """Return the largest force of k x + k x^2/(L - x), whose surface comes nearer."""
+
+    def body(x, _, t):
+        depth = max(0.0, x - max(-0.015, -approach * t))
+        squeezed = min(depth, 0.98 * locking)
+        return foam * (depth + squeezed**2 / (locking - squeezed))
+
+    return led(wish, body, seconds)[1].max()
+
+
+@pytest.mark.parametrize("damping", [200.0, 425.0, 800.0])
+def test_a_tool_in_a_damped_body_goes_in_without_chatter(damping):
+    """On its way out it feels nothing; without the slope there it came back at its fastest.
+
+    It chattered for ever between 0 and 92 N, at half of the depth (425 and 800 N s/m).
+    """
+    places, forces = led(
+        lambda t: min(0.015, 0.002 + 0.1 * t),
+        lambda x, v, _: max(0.0, 500.0 * x + damping * v) if x > 0.0 else 0.0,
+        seconds=0.8,
+    )
+    assert forces.max() < 0.9 * 90
+    assert np.ptp(forces[-100:]) < 1.0
+    assert places[-1] == pytest.approx(0.015, abs=1e-5)
 
 
 @pytest.mark.parametrize(
