@@ -163,11 +163,13 @@ def load_any(path: Path, table: Table) -> Recording:
         position, force = slave["position"][fresh], slave["force"][fresh]
     del slave, fresh  # copies were taken: of an hour the columns fill more memory than the rest
     time_s = (stamps - stamps[0]) * 1e-9
+    del stamps
+    force = without_lag(time_s, force, settings.force_lag_s)
     return from_arrays(
         path.name,
         time_s,
         position,
-        without_lag(time_s, force, settings.force_lag_s),
+        force,
         units=(metadata["position_unit"], metadata["force_unit"]),
         surface=surface,
     )
