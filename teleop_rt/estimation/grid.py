@@ -5,50 +5,65 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.jit import bound, kernel
+
 EARLY_SHARE = 0.25
 """Share of a period by which a stamp may lie before its place: jitter of stamps is no gap."""
 
 Vector = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Whole = NDArray[np.int64]
+
+_FIRST_NS, _PLACE, _PERIOD_NS, _SLACK_NS = range(4)
+"""Words of a grid: where it begins, negative before the first sample, and the newest place."""
+
+
+@kernel
+def gap_before(grid: Whole, stamp_ns: int) -> int:
+    """Return how many places lie empty before the sample of this stamp, which fills the next.
+
+    A sample that is stamped before its place moves the grid's phase.
+    """
+    if grid[_FIRST_NS] < 0:
+        grid[_FIRST_NS], grid[_PLACE] = stamp_ns, 0
+        return 0
+    due = (stamp_ns - grid[_FIRST_NS] + grid[_SLACK_NS]) // grid[_PERIOD_NS]
+    grid[_PLACE] += 1
+    gap = due - grid[_PLACE]
+    if gap > 0:
+        grid[_PLACE] = due
+        return int(gap)
+    grid[_FIRST_NS] = min(grid[_FIRST_NS], stamp_ns - grid[_PLACE] * grid[_PERIOD_NS])
+    return 0
+
+
+@kernel
+def find_places(grid: Whole, valid: Flags, stamp_ns: Vector, places: Whole) -> None:
+    """Write the place of each cycle of a recording (cycles,), the first at 0."""
+    place = -1
+    for index in range(len(places)):
+        place += 1
+        if valid[index]:
+            place += gap_before(grid, int(stamp_ns[index]))
+        else:
+            grid[_PLACE] += 1
+        places[index] = place
 
 
 class SampleGrid:
     """Counts the places between two samples that no cycle filled.
 
     Stamps lie on the grid of the loop's deadlines, later by their latency: the phase is that of
-    the earliest so far.
+    the earliest so far. `gap(stamp_ns)` is `gap_before`, and `words` are what it works on.
     """
 
     def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
-        self._slack_ns = round(EARLY_SHARE * period_ns)
-        self.reset()
-
-    def reset(self) -> None:
-        """Start again with the next sample."""
-        self._first_ns = -1
-        self._place = 0
+        self.words = np.array([-1, 0, period_ns, round(EARLY_SHARE * period_ns)], np.int64)
+        self.gap = bound(gap_before, (self.words,), 0)
 
     def passed(self) -> None:
         """Note a cycle without a valid sample: it fills its place as missing."""
-        self._place += 1
-
-    def gap(self, stamp_ns: int) -> int:
-        """Return how many places lie empty before the sample of this stamp, which fills the next.
-
-        A sample that is stamped before its place moves the grid's phase.
-        """
-        if self._first_ns < 0:
-            self._first_ns, self._place = stamp_ns, 0
-            return 0
-        due = (stamp_ns - self._first_ns + self._slack_ns) // self._period_ns
-        self._place += 1
-        if due <= self._place:
-            self._first_ns = min(self._first_ns, stamp_ns - self._place * self._period_ns)
-            return 0
-        gap = due - self._place
-        self._place = due
-        return gap
+        self.words[_PLACE] += 1
 
 
 def with_gaps(
@@ -61,17 +76,17 @@ def with_gaps(
     stamps = stamp_ns[valid]
     if stamps.size == 0 or np.max(np.diff(stamps), initial=0.0) < (2 - EARLY_SHARE) * period_ns:
         return position, force, valid
-    grid, place = SampleGrid(period_ns), np.ones(len(position), dtype=np.int64)
-    place[0] = 0
-    for index in range(len(position)):
-        if valid[index]:
-            place[index] += grid.gap(int(stamp_ns[index]))
-        else:
-            grid.passed()
-    np.cumsum(place, out=place)
-    size = int(place[-1]) + 1
+    del stamps
+    places = np.empty(len(position), np.int64)
+    find_places(SampleGrid(period_ns).words, valid, stamp_ns, places)
+    size = int(places[-1]) + 1
     filled = np.zeros(size, dtype=np.bool_)
-    filled[place] = valid
-    wide = np.full((2, size), np.nan)
-    wide[:, place] = position, force
-    return wide[0], wide[1], filled
+    filled[places] = valid
+    return _spread(position, places, size), _spread(force, places, size), filled
+
+
+def _spread(row: Vector, places: Whole, size: int) -> Vector:
+    """Return a row with each value at its place, and not-a-number at others."""
+    spread = np.full(size, np.nan)
+    spread[places] = row
+    return spread
