@@ -25,9 +25,13 @@ def read_description(source: Traversable, what: str) -> bytes:
         with source.open("rb") as file:
             data: bytes = file.read(MOST_DESCRIPTION + 1)
     except OSError as error:
-        raise AxisError(f"{what} cannot be read: {error.strerror}") from error
+        raise AxisError(
+            f"{what} cannot be read: {error.strerror}: let this user read it"
+        ) from error
     if len(data) > MOST_DESCRIPTION:
-        raise AxisError(f"{what}: more than {MOST_DESCRIPTION >> 20} MB describe no device")
+        raise AxisError(
+            f"{what}: more than {MOST_DESCRIPTION >> 20} MB describe no device: name another file"
+        )
     return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 

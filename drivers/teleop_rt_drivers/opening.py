@@ -216,7 +216,10 @@ def open_rig_on(
 ) -> SimulatedRig:
     """Return the simulated devices of a rig on ends of one's own choice. Raises AxisError."""
     if not isinstance(plant, SimulatedPlantConfig):
-        raise AxisError(f"the driver {rig.axis.driver!r} has no simulated devices")
+        raise AxisError(
+            f"the driver {rig.axis.driver!r} has no simulated devices"
+            ": run it on its devices, or --set plant=null"
+        )
     simulated = SimulatedRig(plant, rig, now_ns, seed)
     for number, (name, part) in enumerate(parts_of(rig.axis).items()):
         network = _open_network(name, part, rig, simulated, now_ns, seed + 1000 * number, ends)
@@ -250,7 +253,10 @@ def _open_network(
     if isinstance(part, SerialPart):
         lines = lines_of(name, part, ends)
         return SerialNetwork(part, plant, lines, now_ns, rig.period_ns, seed, latched)
-    raise AxisError(f"the driver {part.driver!r} has no simulated devices")
+    raise AxisError(
+        f"the driver {part.driver!r} has no simulated devices"
+        ": run it on its devices, or --set plant=null"
+    )
 
 
 def lines_of(name: str, part: SerialPart, ends: Ends) -> dict[str, ByteStream]:

@@ -177,11 +177,14 @@ def read_columns(path: Path, names: tuple[str, ...]) -> list[Vector]:
     except (ValueError, UnicodeDecodeError) as error:
         raise AxisError(f"recording {path}: not a table of numbers: {error}") from error
     if len(table) < 2:
-        raise AxisError(f"recording {path}: it has fewer than two samples")
+        raise AxisError(f"recording {path}: it has fewer than two samples: give a longer one")
     bad = ~np.isfinite(table)
     if bad.any():
         row, column = (int(places[0]) for places in np.nonzero(bad))
-        raise AxisError(f"recording {path}: line {row + 2}, column {names[column]!r}: not a number")
+        raise AxisError(
+            f"recording {path}: line {row + 2}, column {names[column]!r}: not a number"
+            ": correct it, or remove the line"
+        )
     return [np.ascontiguousarray(column) for column in table.T]
 
 
@@ -190,7 +193,10 @@ def check_time(path: Path, time_s: Vector, period_s: float) -> None:
     steps = np.diff(time_s)
     if (steps <= 0).any():
         line = int(np.argmax(steps <= 0)) + 3
-        raise AxisError(f"recording {path}: line {line}: time does not increase")
+        raise AxisError(
+            f"recording {path}: line {line}: time does not increase"
+            ": remove the line, or cut the file there"
+        )
     mean = float(time_s[-1] - time_s[0]) / len(steps)
     if abs(mean / period_s - 1.0) > RATE_TOLERANCE:
         raise AxisError(
@@ -199,4 +205,7 @@ def check_time(path: Path, time_s: Vector, period_s: float) -> None:
         )
     if steps.max() > LONGEST_GAP_PERIODS * period_s:
         line = int(np.argmax(steps)) + 3
-        raise AxisError(f"recording {path}: line {line}: a gap of {1e3 * steps.max():.4g} ms")
+        raise AxisError(
+            f"recording {path}: line {line}: a gap of {1e3 * steps.max():.4g} ms"
+            ": cut the file there"
+        )

@@ -56,9 +56,13 @@ def read_model(file: File, effects: File | None = None) -> ExtendedModel:
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ExtendedModelError(f"{path}: cannot be read: {error}") from None
+        raise ExtendedModelError(
+            f"{path}: cannot be read: {error}; give a model that `diagnose` has written"
+        ) from None
     if not isinstance(document, dict) or set(document) != {"base", "effects"}:
-        raise ExtendedModelError(f"{path}: expected the keys base and effects")
+        raise ExtendedModelError(
+            f"{path}: expected the keys base and effects: give a model that `diagnose` has written"
+        )
     known = library(None if effects is None else Path(effects))
     return model_of(str(path), document, known)
 

@@ -44,7 +44,9 @@ def open_folder(folder: Path, command: str, options: Mapping[str, Any] | None = 
                 f"{with_these}: name another folder with --out"
             )
     except (OSError, ValueError) as error:
-        raise OutputError(f"{folder}: cannot be used: {error}") from None
+        raise OutputError(
+            f"{folder}: cannot be used: {error}: name another folder with --out"
+        ) from None
     write_json(note, about)
     return folder
 

@@ -152,7 +152,10 @@ def _simulate(side: Side, trial_file: Path) -> None:
     stop = StopRequest()
     trial = side.trial
     if trial.plant is None:
-        raise AxisError(f"{trial_file}: has no section plant, so there is nothing to simulate")
+        raise AxisError(
+            f"{trial_file}: has no section plant, so there is nothing to simulate"
+            ": name a trial that has one"
+        )
     rig = opening.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
     close_truth = publish_truth(rig, side.session)
     prepare_process(RIG_PRIORITY)

@@ -34,6 +34,7 @@ class Recorded:
         if len(t_s) < _WINDOW or not np.all(np.diff(t_s) > 0):
             raise OperatorError(
                 f"{path}: {config.time_column} must increase over at least {_WINDOW} samples"
+                ": correct time_column or the file"
             )
         self._t_s = t_s - t_s[0]
         self._position = column * config.position_scale
@@ -67,7 +68,10 @@ def _locate(file: str, folder: Path) -> Path:
 def _read(path: Path, *names: str) -> list[np.ndarray]:
     """Return the named columns of a CSV file with a header line."""
     if not path.is_file():
-        raise OperatorError(f"{path}: cannot read the recording: no such file")
+        raise OperatorError(
+            f"{path}: cannot read the recording: no such file"
+            "; check operator.file and the folder that it names"
+        )
     try:
         with path.open(newline="") as file:
             header = next(csv.reader(file), [])
@@ -83,5 +87,5 @@ def _read(path: Path, *names: str) -> list[np.ndarray]:
     except (ValueError, csv.Error) as error:
         raise OperatorError(f"{path}: not a table of numbers: {error}") from error
     if not np.isfinite(table).all():
-        raise OperatorError(f"{path}: a value is not finite")
+        raise OperatorError(f"{path}: a value is not finite: remove its line")
     return list(table.T)

@@ -57,6 +57,7 @@ def export_lerobot(recordings: Sequence[Path], folder: Path, task: str, fps: int
     if len(set(units)) > 1:
         raise RecordingError(
             f"recordings of different units are not one dataset: {sorted(set(units))}"
+            "; export those of one unit at a time"
         )
     episodes = [read_episode(recording, fps) for recording in recordings]
     (folder / "meta").mkdir(parents=True)
@@ -86,7 +87,10 @@ def read_episode(recording: Path, fps: int) -> Episode:
     stamps, rows = columns["stamp_ns"][known], rows[known]
     frames = 0 if stamps.size == 0 else int((stamps[-1] - stamps[0]) * 1e-9 * fps + 1e-6) + 1
     if frames < 2:
-        raise RecordingError(f"{recording}: has no two frames of valid samples at {fps} per second")
+        raise RecordingError(
+            f"{recording}: has no two frames of valid samples at {fps} per second"
+            ": give a longer one, or leave it out"
+        )
     times = stamps[0] + np.arange(frames) * (1e9 / fps)
     newest = np.searchsorted(stamps, times + 1.0, side="right") - 1
     taken = rows[newest].astype(np.float32)

@@ -25,7 +25,10 @@ class PatientFile:
         try:
             self._descriptor = os.open(path, flags, 0o644)
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
+            raise RecordingError(
+                f"{path}: cannot be written: {error.strerror}"
+                ": name a file in a folder that is there and has room"
+            ) from None
         self._waiting = bytearray()
         self._taken = 0
         self.problem = ""

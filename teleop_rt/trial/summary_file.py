@@ -18,5 +18,7 @@ def read_summary(folder: Path) -> dict[str, Any] | None:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: cannot be read: {error}") from None
+        raise RecordingError(
+            f"{path}: cannot be read: {error}; `teleop-rt run` writes one, so run the trial again"
+        ) from None
     return dict(content)

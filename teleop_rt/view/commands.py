@@ -86,7 +86,10 @@ def _readable(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise RecordingError(f"{error.filename}: cannot be written: {error.strerror}") from None
+        raise RecordingError(
+            f"{error.filename}: cannot be written: {error.strerror}"
+            ": let this user write there, or copy the folder"
+        ) from None
     except (KeyError, TypeError, ValueError) as error:
         written_by = "another version of teleop-rt"
         with suppress(RecordingError, KeyError, TypeError):

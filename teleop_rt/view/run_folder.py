@@ -152,7 +152,7 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
     topics = read_topics(recording, TOPICS, _SIGNALS, MOST_ROWS if whole else ROWS_OF_LONGER)
     if "/slave" not in topics:
         raise RecordingError(
-            f"{recording}: has no tick of a slave: the run ended before its first one"
+            f"{recording}: has no tick of a slave: the run ended before its first one; run it again"
         )
     return topics
 
@@ -186,7 +186,10 @@ def read_trial(folder: Path) -> Mapping[str, Any]:
         trial = yaml.safe_load(path.read_text(encoding="utf-8"))
         needed = trial["rig"]["units"], trial["rig"]["rate_hz"], trial["name"]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise RecordingError(f"{path}: not the trial of a run: {error}") from None
+        raise RecordingError(
+            f"{path}: not the trial of a run: {error}"
+            "; give a folder that `teleop-rt run` has written"
+        ) from None
     assert all(needed)  # noqa: S101 - read above, so that a missing key is reported
     return dict(trial)
 

@@ -106,7 +106,10 @@ class _Asking:
             self._wire.drain(self._now_ns())
             if len(self._content) == 1 + size:
                 return int.from_bytes(self._content[1:], "little")
-        raise AxisError(f"servo {self._part.servo_id} on {self._part.path} does not answer")
+        raise AxisError(
+            f"servo {self._part.servo_id} on {self._part.path} does not answer"
+            ": check power, wiring, id and baud rate"
+        )
 
     def findings(self) -> list[Finding]:
         """Return the drive's report of itself. Raises AxisError."""

@@ -170,10 +170,14 @@ def _judged(
             "go of the device, and keep it away from its end stops"
         )
     if not mass > 0.0:
-        raise CalibrationError(f"a mass of {mass:.3g} is none: the motion is too small or too slow")
+        raise CalibrationError(
+            f"a mass of {mass:.3g} is none: the motion is too small or too slow"
+            ": raise --force or --reach"
+        )
     if damping < -SURE * deviations[1] or friction < -SURE * deviations[2]:
         raise CalibrationError(
             f"damping {damping:.3g} or friction {friction:.3g} is below 0: something drives it"
+            ": let go of it, and keep springs and weights off it"
         )
     return DeviceFit(
         mass=mass,

@@ -47,7 +47,10 @@ def drivetrain_keys(rig: RigConfig, found: Diagnosis, recorded: RigConfig) -> di
         parameter, key = FOUND[effect.name]
         values[key] += effect.parameters[parameter].value
         if not values[key] >= 0.0:
-            raise CalibrationError(f"{effect.name}: {key} would be {values[key]:.3g}, below 0")
+            raise CalibrationError(
+                f"{effect.name}: {key} would be {values[key]:.3g}, below 0"
+                ": record a run with the drivetrain that the rig has now"
+            )
     unit = {
         "coulomb_friction": "{f}", "viscous_friction": "{f}_s_per_{x}", "mass": "{f}_s2_per_{x}",
     }  # fmt: skip
@@ -80,4 +83,7 @@ def drivetrain_of(rig: RigConfig) -> tuple[KeyPath, DrivetrainConfig]:
             key = f"mass_{rig.units.fill('{f}_s2_per_{x}')}"
             raise CalibrationError(f"write `drivetrain: {{{key}: 0}}` at {'.'.join(section[:-1])}")
         return section, part.drivetrain
-    raise CalibrationError("the rig takes no force from its drive: there is nothing to correct")
+    raise CalibrationError(
+        "the rig takes no force from its drive: there is nothing to correct"
+        "; `calibrate force` is for a force sensor"
+    )

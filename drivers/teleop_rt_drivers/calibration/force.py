@@ -68,4 +68,7 @@ def force_keys(rig: RigConfig, fit: ForceFit) -> dict[KeyPath, float]:
             (*section, f"offset_{unit}"): fit.offset + fit.factor * force.offset,
             ("sensors", f"force_noise_{unit}"): fit.noise,
         }
-    raise CalibrationError("the rig has no force sensor whose scale is in its file")
+    raise CalibrationError(
+        "the rig has no force sensor whose scale is in its file"
+        ": put one into axis, or correct the scale where the sensor has it"
+    )

@@ -64,7 +64,10 @@ def with_weights(
         return open_axis(rig, time.monotonic_ns), REAL, hung
     one = _trial(trial, f"rig={file.resolve()}")
     if not isinstance(one.plant, SimulatedPlantConfig):
-        raise CalibrationError(f"--simulated {trial.name}: this trial has no section plant")
+        raise CalibrationError(
+            f"--simulated {trial.name}: this trial has no section plant"
+            ": name one that simulates a body, such as silicone_cube"
+        )
     pace = SimulatedPace(rig.period_ns)
     sample = Sample()
     axis, simulated = open_lock_step(rig, one.plant, pace.now_ns, one.seed)

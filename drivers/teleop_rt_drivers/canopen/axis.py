@@ -134,7 +134,9 @@ class CanopenAxis:
         clears it.
         """
         if not self._master:
-            raise AxisError("cannot arm: the devices are not configured")
+            raise AxisError(
+                "cannot arm: the devices are not configured; `teleop-rt reset` configures them"
+            )
         if (fault := self._receiver.fault) is not NO_AXIS_FAULT:
             raise AxisError(f"cannot arm: {fault.name}; remove the cause and configure again")
         if self._drive is not None:

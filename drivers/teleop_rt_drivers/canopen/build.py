@@ -62,7 +62,10 @@ def torque_channel(config: DriveConfig, rig: RigConfig, dictionary: ObjectDictio
 def force_per_count(config: DriveConfig) -> float:
     """Return the force of one count of 6077h. Raises AxisError where it is not known."""
     if config.rated is None:
-        raise AxisError("drive.rated_force is missing: 6077h counts in thousandths of it")
+        raise AxisError(
+            "drive.rated_force is missing: 6077h counts in thousandths of it"
+            ": take it from the data sheet or 6076h"
+        )
     return config.rated / cia402.PER_RATED
 
 

@@ -27,7 +27,10 @@ def load(name: str, node_id: int) -> ObjectDictionary:
     path = Path(name)
     source = path if path.is_file() else resources.files("teleop_rt_drivers") / "eds" / name
     if not source.is_file():
-        raise AxisError(f"EDS file {name!r} is neither a file nor one of this package's eds folder")
+        raise AxisError(
+            f"EDS file {name!r} is neither a file nor one of this package's eds folder"
+            ": check the path"
+        )
     try:
         text = read_description(source, f"EDS file {name!r}").decode("utf-8")
         eds_file.check(text, name)

@@ -81,14 +81,23 @@ def _refuse_another_profile(dictionary: ObjectDictionary, name: str) -> None:
     """Refuse what is no CiA 402 drive with cyclic synchronous position."""
     kind = _variable(dictionary, "0x1000")
     if kind is not None and kind.default and kind.default & 0xFFFF != PROFILE:
-        raise AxisError(f"{name}: is of a device of CiA {kind.default & 0xFFFF}, not of a drive")
+        raise AxisError(
+            f"{name}: is of a device of CiA {kind.default & 0xFFFF}, not of a drive"
+            ": name the EDS of the drive"
+        )
     missing = [entry for entry in NEEDED if _variable(dictionary, entry) is None]
     if missing:
-        raise AxisError(f"{name}: lacks {', '.join(missing)}, which the daemon needs of a drive")
+        raise AxisError(
+            f"{name}: lacks {', '.join(missing)}, which the daemon needs of a drive"
+            ": take another drive, or its maker's complete EDS"
+        )
     modes = _variable(dictionary, "0x6502")
     bit = cia402.MODE_CYCLIC_SYNCHRONOUS_POSITION - 1
     if modes is not None and modes.default and not modes.default >> bit & 1:
-        raise AxisError(f"{name}: this drive has no cyclic synchronous position (6502h, bit {bit})")
+        raise AxisError(
+            f"{name}: this drive has no cyclic synchronous position (6502h, bit {bit})"
+            ": take a drive that has it"
+        )
 
 
 def _identity(dictionary: ObjectDictionary, name: str) -> dict[str, int]:
@@ -110,7 +119,10 @@ def _refuse_unmapped(dictionary: ObjectDictionary, name: str) -> None:
     for entry in (*TAKEN, *SENT):
         found = _variable(dictionary, entry)
         if found is None or not found.pdo_mappable or found.data_type not in FORMATS:
-            raise AxisError(f"{name}: {entry} cannot be mapped into a PDO, which the daemon needs")
+            raise AxisError(
+                f"{name}: {entry} cannot be mapped into a PDO, which the daemon needs"
+                ": take another drive"
+            )
 
 
 def _pdo(
@@ -132,7 +144,10 @@ def _pdo(
         listed = ", ".join(f'"{entry}"' for entry in objects)
         return f"{{number: {number}, transmission_type: 1, objects: [{listed}]}}"
     what = "RPDO" if mapping == RPDO_MAPPING else "TPDO"
-    raise AxisError(f"{name}: no {what} has a mapping that can be written and a default COB-ID")
+    raise AxisError(
+        f"{name}: no {what} has a mapping that can be written and a default COB-ID"
+        ": write the PDO into the rig by hand"
+    )
 
 
 def _setup(dictionary: ObjectDictionary, wanted: dict[str, int]) -> tuple[str, list[str]]:

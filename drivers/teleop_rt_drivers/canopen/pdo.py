@@ -60,7 +60,10 @@ class PdoCodec:
         self.kinds = layout[1:]
         self.places = [struct.calcsize(layout[: 1 + slot]) for slot in range(len(self.kinds))]
         if self.struct.size > BYTES_PER_FRAME:
-            raise AxisError(f"{self._name}: {self.struct.size} bytes are mapped, a frame holds 8")
+            raise AxisError(
+                f"{self._name}: {self.struct.size} bytes are mapped, a frame holds 8"
+                ": list fewer `objects`"
+            )
         try:
             self.cob_id = cob_id(
                 dictionary, pdo, RPDO_COMMUNICATION if receive else TPDO_COMMUNICATION
@@ -73,11 +76,20 @@ class PdoCodec:
         try:
             found = variable(dictionary, *address(entry))
         except KeyError:
-            raise AxisError(f"{self._name}: the EDS has no object {entry}") from None
+            raise AxisError(
+                f"{self._name}: the EDS has no object {entry}"
+                ": remove it from `objects`, or name the right EDS"
+            ) from None
         if not found.pdo_mappable:
-            raise AxisError(f"{self._name}: the EDS says that {entry} cannot be mapped")
+            raise AxisError(
+                f"{self._name}: the EDS says that {entry} cannot be mapped"
+                ": remove it from `objects`"
+            )
         if found.data_type not in FORMATS:
-            raise AxisError(f"{self._name}: {entry} has a type that does not fill whole bytes")
+            raise AxisError(
+                f"{self._name}: {entry} has a type that does not fill whole bytes"
+                ": remove it from `objects`"
+            )
         return FORMATS[found.data_type]
 
     def slot(self, entry: Entry) -> int:

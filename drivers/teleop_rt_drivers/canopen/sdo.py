@@ -154,9 +154,12 @@ class SdoNode:
         try:
             value = variable(self.dictionary, *address(entry)).decode_raw(data)
         except ObjectDictionaryError as error:
-            raise AxisError(f"{self.label}: {entry} has another size than in the EDS") from error
+            raise AxisError(
+                f"{self.label}: {entry} has another size than in the EDS"
+                ": name the EDS of this device"
+            ) from error
         if not isinstance(value, int | float):
-            raise AxisError(f"{self.label}: {entry} is no number")
+            raise AxisError(f"{self.label}: {entry} is no number: name the EDS of this device")
         return value
 
     def write(self, entry: Entry, value: int) -> None:

@@ -169,7 +169,9 @@ def configure_drive(sdo: SdoNode, drive: DriveConfig, daemon: DaemonConfig, rig:
         mode = cia402.MODE_CYCLIC_SYNCHRONOUS_TORQUE
     if not int(sdo.read(cia402.SUPPORTED_MODES)) >> (mode - 1) & 1:
         name = cia402.MODE_NAMES[mode]
-        raise AxisError(f"{sdo.label} has no {name} mode (6502h, bit {mode - 1})")
+        raise AxisError(
+            f"{sdo.label} has no {name} mode (6502h, bit {mode - 1}): take a drive that has it"
+        )
     sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)
     sdo.write(cia402.CONTROLWORD, cia402.FAULT_RESET)
     sdo.write(cia402.CONTROLWORD, cia402.DISABLE_VOLTAGE)

@@ -176,7 +176,9 @@ class FramedAxis:
         Raises AxisError before `configure`, and while a fault is latched.
         """
         if not self._configured:
-            raise AxisError("cannot arm: the devices are not configured")
+            raise AxisError(
+                "cannot arm: the devices are not configured; `teleop-rt reset` configures them"
+            )
         if self._fault is not NO_AXIS_FAULT:
             raise AxisError(f"cannot arm: {self._fault.name}; remove the cause and configure again")
         if self._drive is not None:

@@ -38,7 +38,9 @@ def load_dbc(name: str) -> dict[str, Message]:
     if not path.is_file():
         path = Path(str(resources.files("teleop_rt_drivers") / "dbc" / name))
     if not path.is_file():
-        raise AxisError(f"DBC {name!r} is neither a file nor one of this package's dbc folder")
+        raise AxisError(
+            f"DBC {name!r} is neither a file nor one of this package's dbc folder: check the path"
+        )
     try:
         text = read_description(path, f"DBC {name!r}").decode("cp1252", "replace")
         database = load_string(text, database_format="dbc")
@@ -117,7 +119,10 @@ class DbcMessage:
         self._length = message.length
         self._counters = counters
         if message.is_multiplexed():
-            raise AxisError(f"message {message.name} is multiplexed, which is not supported")
+            raise AxisError(
+                f"message {message.name} is multiplexed, which is not supported"
+                ": name one that is not"
+            )
         signals = {signal.name: signal for signal in message.signals}
         self.source = Source(
             message.name,

@@ -41,7 +41,7 @@ def load_file(path: Path) -> tuple[Effect, ...]:
     bytecode cache compares whole seconds, so an import may miss a change. Raises EffectError.
     """
     if path.suffix != ".py" or not path.is_file():
-        raise EffectError(f"{path}: no such Python file")
+        raise EffectError(f"{path}: no such Python file: check the path")
     module = ModuleType(f"user_effects_{path.stem}")
     module.__file__ = str(path)
     try:

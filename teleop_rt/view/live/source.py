@@ -244,7 +244,10 @@ def open_source(recording: Path | None, beside: int | None = None) -> RowSource:
     if beside is not None:
         end_with_parent()
         if os.getppid() != beside:  # it died while this process was still loading
-            raise RecordingError(f"the run of process {beside} has ended")
+            raise RecordingError(
+                f"the run of process {beside} has ended"
+                ": `teleop-rt live FOLDER` shows its recording"
+            )
         return RingSource(lambda: find_session(beside))
     found = find_session()
     if found is None:
