@@ -12,11 +12,9 @@ ELSEWHERE = ("work_us", "wake_latency_us")
 """Columns that are not of the master's cycle."""
 
 
-def test_every_value_is_in_the_column_of_its_name():
-    row = NamedRow(MASTER)
-    names = [signal.name for signal in MASTER if signal.name not in ELSEWHERE]
-    of = {name: 10.0 + at for at, name in enumerate(names)}
-    master = SimpleNamespace(
+def master_of(row, of):
+    """Return what a row reads of a master: each value of `of` where that column comes from."""
+    return SimpleNamespace(
         row=row.values,
         tick=of["tick"],
         position=of["position"],
@@ -60,7 +58,13 @@ def test_every_value_is_in_the_column_of_its_name():
         ),
         fault=SimpleNamespace(code=of["handle_fault"]),
     )
-    record(master, of["stamp_ns"])
+
+
+def test_every_value_is_in_the_column_of_its_name():
+    row = NamedRow(MASTER)
+    names = [signal.name for signal in MASTER if signal.name not in ELSEWHERE]
+    of = {name: 10.0 + at for at, name in enumerate(names)}
+    record(master_of(row, of), of["stamp_ns"])
     stored = row.stored[0]
     wrong = {name for name in names if stored[name] != of[name]}
     assert wrong == {"inadequate"}, "this one is a flag"
