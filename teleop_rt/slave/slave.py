@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
-from teleop_rt.estimation.grid import SampleGrid
-from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Contact, Pipeline
 from teleop_rt.jit import bound
 from teleop_rt.link.bodies import new_state
@@ -25,18 +23,12 @@ from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
-from teleop_rt.slave.catch_up import CatchUp
-from teleop_rt.slave.coupling import set_coupling
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.guard import ContactGuard
-from teleop_rt.slave.limiter import Limiter
+from teleop_rt.slave.feed import feed_of
 from teleop_rt.slave.model_sender import ModelSender
-from teleop_rt.slave.pace import latency_s, unknown_speed
+from teleop_rt.slave.protection import protect
 from teleop_rt.slave.record import CAME_IN, TickRecord, place
-from teleop_rt.slave.reference import Reference
-from teleop_rt.slave.safety import SafetyChain
 from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP_DRIVE, ZEROS, decide
-from teleop_rt.slave.supervision import Supervision
 
 # Where the fields that this module reads one by one are in the record of a tick.
 _LATE, _RUNS_OUT = place("late_ns"), place("runs_out_ns")
@@ -80,24 +72,20 @@ class Slave:
         self._estimate_log = estimate_log
         self._measure_work = measure_work
         self._sample = Sample()
-        self._grid = SampleGrid(rig.period_ns)
-        self._pairing = pipeline.settings.pairing(rig.period_ns)
+        self._feed = feed_of(pipeline, rig.period_ns)
         self._period_ns = rig.period_ns
         self.record = record = TickRecord()
         self._floats, self._counts = record.floats, record.counts
         self._came_in = CAME_IN.writer(record)
-        self._row = NamedRow(SLAVE)
-        self._columns = self._row.values
-        self._record_row = row_writer(row_ring, self._row.stored.view(np.float64))
-        self._body = new_state()
-        self._body_bytes = self._body.view(np.uint8).data
+        self._allocate_outputs(row_ring)
         self._models = ModelSender(
             pipeline.streaming, endpoint, rig.sensors.force_noise, trial.slave.force_cap,
             trial.link, now_ns, record,
         )  # fmt: skip
-        self._protect(trial)
+        parts = protect(trial, record)
+        self.limiter, self.guard, self.safety = parts.limiter, parts.guard, parts.safety
+        self.supervision, self.reference = parts.supervision, parts.reference
         self._has_zeros = self.reference.used
-        self._configure_record(trial)
         self.unsafe = rig.unsafe
         self.tick = 0
         self.missed_ticks = 0
@@ -106,34 +94,22 @@ class Slave:
         self._force_from_drive = rig.axis.force_from_drive
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
+        self._bind_step()
+
+    def _allocate_outputs(self, row_ring: RingWriter) -> None:
+        """Allocate what a tick writes: its recorded row and the message on its state."""
+        self._row = NamedRow(SLAVE)
+        self._columns = self._row.values
+        self._record_row = row_writer(row_ring, self._row.stored.view(np.float64))
+        self._body = new_state()
+        self._body_bytes = self._body.view(np.uint8).data
+
+    def _bind_step(self) -> None:
+        """Bind the compiled step to its arrays, and run it once: no tick compiles or loads it."""
         self._drive_values = self.supervision.drive.values
         self._decide = bound(decide, self._arrays(), CHECK)
-        self._decide(CHECK)  # compiled and loaded now, not in a tick; so is the line below
+        self._decide(CHECK)
         self.limiter.reset(self.limiter.position)
-
-    def _protect(self, trial: TrialConfig) -> None:
-        """Build what checks the samples and limits the commands, all over the record of a tick."""
-        rig, record, period_s = trial.rig, self.record, trial.rig.period_ns * 1e-9
-        self.limiter = Limiter(rig.limits, period_s, record)
-        cap, stiffest = trial.slave.force_cap, rig.limits.stiffness_max
-        self.guard = ContactGuard(
-            cap,
-            trial.slave.retreat_speed,
-            rig.limits.position_max - rig.limits.position_min,
-            period_s,
-            record,
-            acceleration=rig.limits.acceleration_max,
-            unknown_speed=math.inf if stiffest is None else unknown_speed(rig, cap, stiffest),
-            stiffest=stiffest or math.inf,
-            late_s=latency_s(rig),
-        )
-        CatchUp(trial.slave.retreat_speed, period_s, record)
-        self.safety = SafetyChain(rig.limits, rig.rate_hz, rig.realtime.late, record)
-        self.supervision = Supervision(
-            rig.supervision, rig.limits, rig.rate_hz, rig.axis.unsafe(), record,
-            rig.sensors.position_resolution,
-        )  # fmt: skip
-        self.reference = Reference(rig.reference, rig.limits, period_s, record)
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
         """Return what `decide` works on, in the order of its arguments."""
@@ -148,18 +124,6 @@ class Slave:
             self._row.stored,
             self._body,
         )
-
-    def _configure_record(self, trial: TrialConfig) -> None:
-        """Write into the record of a tick what no other part of the slave writes."""
-        tick, rig = self.record.tick, trial.rig
-        set_coupling(tick, trial.mode, trial.coupling)
-        # A drive has run its last command out by then, or the axis holds before.
-        tick.runs_out_ns = min(rig.period_ns, round(rig.realtime.late.hold_ms * 1e6))
-        tick.hold_after_ms = trial.slave.hold_after_ms
-        tick.retreat_after_ms = trial.slave.retreat_after_ms
-        tick.nothing_free = rig.limits.position_min
-        tick.supervised = rig.axis.executes
-        tick.target = tick.written = math.nan
 
     @property
     def sample(self) -> Sample:
@@ -289,30 +253,11 @@ class Slave:
             and (not self._has_zeros or self.reference.ready)
             and (not self._force_from_drive or self._is_of_contact(sample))
         )
-        if self._pairing is not None:
-            self._estimate_pair(self._pairing)
-        elif self._valid:
-            if (gap := self._grid.gap(sample.stamp_ns)) > 0:
-                self._pipeline.skip(gap)
-            self._pipeline.update(sample.position, sample.force, valid=True)
-        else:
-            self._grid.passed()
-            self._pipeline.update(sample.position, sample.force, valid=False)
+        self._feed(sample, self._valid)
 
     def _is_of_contact(self, sample: Sample) -> bool:
         """Return whether a drive's own force is that of contact: not once it lets go."""
         return sample.enabled and self.safety.state in _HOLDS
-
-    def _estimate_pair(self, pairing: Pairing) -> None:
-        """Give each new force of a slow sensor to the estimators once, with its own position."""
-        sample = self._sample
-        if self._valid and pairing.take(
-            sample.position, sample.position_stamp_ns, sample.force, sample.force_stamp_ns
-        ):
-            position, force, gap = pairing.newest()
-            if gap > 0:
-                self._pipeline.skip(gap)
-            self._pipeline.update(position, force, valid=True)
 
     def _take_in(self, late_ns: int) -> None:
         """Write the sample, the zeros and the clock into the record of the tick."""
