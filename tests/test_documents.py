@@ -145,6 +145,37 @@ def test_every_key_of_a_file_that_a_page_names_exists_with_or_without_its_unit(p
                 assert any(f"{key}_".startswith(f"{name}_") for key in keys), path
 
 
+TREE = ("config", "drivers", "scripts", "teleop_rt", "teleop_rt_dev", "tests")
+TEXTS = {"", ".py", ".yaml", ".service", ".j2", ".eds", ".dbc", ".sh"}
+OF_OTHERS = {
+    "WATCHDOG_TIMER_EXPIRED": "an error of an ODrive",
+    "mechPos": "a register of a CyberGear",
+    "moteus_tool": "a program of mjbots",
+    "my_handle": "a file of the reader",
+    "vX": "a version in general",
+}
+"""Names that a page may use although nothing here has them."""
+IN_A_SENTENCE = re.compile(r"`([^`\n]+)`")
+IDENTIFIER = re.compile(r"\w*(?:\w_\w|[a-z][A-Z])\w*(?![\w*])")
+
+
+@pytest.fixture(scope="module")
+def words():
+    """Every word of the tree's texts, but of this one, and of the names of its files."""
+    files = [file for folder in TREE for file in (ROOT / folder).rglob("*") if file.is_file()]
+    read = (file for file in files if file.suffix in TEXTS and file != Path(__file__))
+    texts = (file.read_text(errors="ignore") for file in read)
+    return {word for text in (*map(named, files), *texts) for word in re.findall(r"\w+", text)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_name_in_code_that_a_page_uses_exists(page, words):
+    """A key, signal, fault, class or file that was renamed or removed is found on its page."""
+    prose = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+    used = {name for code in IN_A_SENTENCE.findall(prose) for name in IDENTIFIER.findall(code)}
+    assert used - words - OF_OTHERS.keys() == set()
+
+
 def test_the_bounds_of_a_stall_are_those_that_the_readme_states():
     """The bounds that a reader copies to hardware, and those of each rig that ships."""
     words = " ".join((ROOT / "README.md").read_text().split())
