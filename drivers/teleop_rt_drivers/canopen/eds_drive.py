@@ -36,6 +36,7 @@ NEEDED = (
 TAKEN = ("0x6040", "0x607A")
 SENT = ("0x6041", "0x6077", "0x6064")
 PDOS = 512
+"""PDOs that CiA 301 knows each way: 1400h to 15FFh, 1800h to 19FFh."""
 SPEED_UNIT = "0x60A9"
 ANALOG = re.compile(r"analogu?e?\b.*\bin", re.IGNORECASE)
 """Names of objects with an analog input's value, which no profile of drives gives a place to."""

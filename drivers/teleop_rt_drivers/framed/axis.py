@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 
 POLL_S = 0.001
+"""Longest wait at one port for first answers, before the next: short beside their time-out."""
 
 
 class FramedAxis:

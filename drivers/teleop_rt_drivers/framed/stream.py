@@ -16,6 +16,7 @@ import serial
 from teleop_rt.axis import AxisError
 
 READ_BYTES = 4096
+"""Bytes that the kernel's terminal layer holds at most (N_TTY_BUF_SIZE)."""
 MOST_READS_PER_CYCLE = 4
 """A cycle of 1 ms at 3 Mbit/s brings 300 bytes; a flood must not hold the loop."""
 CONTROL_CHARACTERS = 6

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 PROFILES = {402: "drive", 406: "encoder", 404: "force"}
 """Section of the rig's file, by the profile in the low word of 1000h."""
 OWN_ID = 127
+"""The id that the scan leaves out as its own: the highest that CiA 301 allows."""
 ANSWER_S = 0.3
 """Longest wait for an SDO answer; a node answers within milliseconds."""
 KEYS = {"vendor": "0x1018:1", "product": "0x1018:2"}

@@ -25,6 +25,7 @@ TPDOS = range(0x1800, 0x1A00)
 RPDOS = range(0x1400, 0x1600)
 MAPPINGS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 MAPPING_OFFSET = 0x200
+"""From a PDO's communication record to its mapping (CiA 301)."""
 INVALID = 1 << 31
 SYNCHRONOUS = range(1, 241)
 EVENT_DRIVEN = (254, 255)
