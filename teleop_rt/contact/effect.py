@@ -57,7 +57,9 @@ sees. `deflects`: is taken off the penetration; the step sees the force in the p
 of the measured force.
 """
 WITHOUT_CONTACT = "on both sides"
-"""The law of a body that is held all along, as a spring or an oil: for bases that do not touch."""
+"""The law of a body that is held all along, as a spring or an oil: for bases that do not touch.
+
+Other laws of such a body begin with these words and a comma."""
 Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset", "place"]
 
 
@@ -139,3 +141,8 @@ class Effect:
     like: tuple[str, ...] = ()
     fades: int = 0
     extends: str | None = None
+
+    @property
+    def without_contact(self) -> bool:
+        """Return whether this is a law of a body that is held all along."""
+        return self.law.split(",")[0] == WITHOUT_CONTACT

@@ -29,6 +29,7 @@ VOCABULARY = {
     "hysteresis": ("environment", "material"),
     "mullins_softening": ("environment", "material"),
     "softening": ("environment", "material"),
+    "hunt_crossley": ("environment", "material"),
     "quadratic_damping": ("environment", "material"),
     "adhesion": ("environment", "material"),
     "coulomb_friction": ("rig", "tool"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import exp
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
@@ -23,13 +24,25 @@ def _exponential(
 
 
 @kernel
-def _cubic(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
-    return float((x - eta[0]) ** 3)
+def _odd_power(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    beside = x - eta[0]
+    return float(abs(beside) ** eta[1] if beside > 0.0 else -(abs(beside) ** eta[1]))
 
 
 @kernel
 def _beyond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return float(max(x - eta[0], 0.0))
+
+
+@kernel
+def _beyond_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    beside = x - eta[0]
+    further = max(abs(beside) - eta[1], 0.0)
+    return float(further if beside > 0.0 else -further)
 
 
 @kernel
@@ -77,6 +90,24 @@ def _quadratic_with_depth(
     return max(x, 0.0) * v * abs(v)
 
 
+@kernel
+def _damped_with_depth(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(max(x, 0.0) ** eta[0] * v)
+
+
+@kernel
+def _damped_beside(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(abs(x - eta[0]) ** eta[1] * v)
+
+
+# From beyond the stroke a power is one of a spring that only stiffens inwards. Of an odd number of
+# places one is the middle, about which a held body is most often alike on both sides.
+_CENTRE = Shape("centre", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=9)
+_DAMPING_POWER = Shape("power", "1", 0.3, 3.0, 1.0, points=5)  # 0 is the base's own damping
 _LAYER_DEPTH = Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20)
 # Damping over stiffness, which heat and damage lower alike.
 _DAMPING_TIME = Shape("damping_time", "s", 1e-3, 0.2, 1e-2, logarithmic=True, points=4)
@@ -137,11 +168,10 @@ EFFECTS = (
         family="stiffening",
         belongs_to="environment",
         stage="material",
-        amplitude=Amplitude("cubic_stiffness", "{f}/{x}^3"),
-        # From beyond the stroke a cubic is a parabola, as of a spring that only stiffens inwards.
-        shapes=(Shape("centre", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=8),),
-        step=_cubic,
-        sentence="The stiffness changes by {cubic_stiffness} about {centre}.",
+        amplitude=Amplitude("stiffening", "{f}/{x}^power"),
+        shapes=(_CENTRE, Shape("power", "1", 1.3, 6.0, 3.0, points=4)),
+        step=_odd_power,
+        sentence="The stiffness changes about {centre}, with the power {power}.",
         compensation="render",
         only_in_contact=False,
     ),
@@ -168,6 +198,22 @@ EFFECTS = (
         sentence="Below {depth} a rounded second layer adds {layer_stiffness}.",
         compensation="render",
         extends="",
+    ),
+    Effect(
+        name="second_layer",
+        law=WITHOUT_CONTACT,  # from beyond the stroke on one side alone
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(
+            replace(_CENTRE, points=3),
+            Shape("depth", "{x}", 0.05, 2.9, 0.5, relative_to="travel", points=20),
+        ),
+        step=_beyond_on_both_sides,
+        sentence="Beyond {depth} from {centre} a second layer adds {layer_stiffness}.",
+        compensation="render",
+        only_in_contact=False,
     ),
     Effect(
         name="softening",
@@ -225,6 +271,32 @@ EFFECTS = (
         ),
         compensation="render",
         derivative_order=1,
+    ),
+    Effect(
+        name="hunt_crossley",  # Hunt and Crossley 1975, the damping (2.4) beside any spring
+        family="damping",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("damping", "{f} s/{x}^(power+1)", nonnegative=True),
+        shapes=(_DAMPING_POWER,),
+        step=_damped_with_depth,
+        sentence="Damping grows with the depth, with the power {power} (Hunt and Crossley).",
+        compensation="render",
+        derivative_order=1,
+    ),
+    Effect(
+        name="hunt_crossley",
+        law=WITHOUT_CONTACT,
+        family="damping",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("damping", "{f} s/{x}^(power+1)", nonnegative=True),
+        shapes=(replace(_CENTRE, points=5), replace(_DAMPING_POWER, points=2)),
+        step=_damped_beside,
+        sentence="Damping grows about {centre}, with the power {power} (Hunt and Crossley).",
+        compensation="render",
+        derivative_order=1,
+        only_in_contact=False,
     ),
     Effect(
         name="quadratic_damping",

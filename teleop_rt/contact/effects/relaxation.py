@@ -120,6 +120,33 @@ def _springpot(
 
 
 @kernel
+def _three_held_arms(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance three arms of a body that is held all along, at rest until the recording begins."""
+    if state[0] != dt:
+        fastest = 1.0 / (1.0 + eta[2] + eta[2] * eta[2])
+        _arm_weights(state, dt, eta[0] / eta[1], eta[1], fastest, eta[2], 3)
+        state[10] = x
+    total = _arms(state, x - state[10], 3)
+    state[10] = x
+    return total
+
+
+@kernel
+def _held_springpot(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance the springpot of such a body; arms slower than its own are springs, as the base."""
+    if state[0] != dt:
+        _arm_weights(state, dt, 2e-3, 2.5, 2e-3 ** (-eta[0]), 2.5 ** (-eta[0]), 14)
+        state[43] = x
+    total = _arms(state, x - state[43], 14)
+    state[43] = x
+    return total
+
+
+@kernel
 def _maxwell_arm_on_power(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -195,6 +222,18 @@ EFFECTS = (
     ),
     _relaxing(
         name="stress_relaxation",
+        law=f"{WITHOUT_CONTACT}, three arms",
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(_time_constant(8), _SPREAD, _GROWTH),
+        step=_three_held_arms,
+        sentence="A share of {arm_stiffness} relaxes around {time_constant}.",
+        state_size=12,
+        only_in_contact=False,
+        fades=2,
+        extends=WITHOUT_CONTACT,
+    ),
+    _relaxing(
+        name="stress_relaxation",
         law="three arms",
         amplitude=Amplitude("arm_stiffness", "{f}/{x}", nonnegative=True),
         shapes=(_time_constant(8), _SPREAD, _GROWTH),
@@ -230,6 +269,17 @@ EFFECTS = (
         step=_springpot,
         sentence="The force relaxes with a power of time, of order {order}.",
         state_size=46,
+        fades=3,
+    ),
+    _relaxing(
+        name="fractional_relaxation",
+        law=WITHOUT_CONTACT,
+        amplitude=Amplitude("springpot", "{f} s^order/{x}", nonnegative=True),
+        shapes=(_ORDER,),
+        step=_held_springpot,
+        sentence="The force relaxes with a power of time, of order {order}.",
+        state_size=46,
+        only_in_contact=False,
         fades=3,
     ),
     _relaxing(

@@ -45,12 +45,20 @@ def _linkage(
 
 
 @kernel
+def _beside_rest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(x - eta[0])
+
+
+@kernel
 def _acceleration(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return a
 
 
+BESIDE_A_BODY = "about its rest"  # law of the same where a body is touched
 RETURN_SPRING = "return_spring"  # effect of a drive alone
 THROUGH_A_LINKAGE = "through a linkage"  # law of a lever's weight on a linear axis
 # A linkage turns by at least half a radian, or its weight is a bias, and by less than one turn.
@@ -158,6 +166,20 @@ EFFECTS = (
         sentence="A spring, cable or hose pulls the axis back with {spring_stiffness}.",
         compensation="subtract_force",
         only_in_contact=False,
+    ),
+    Effect(
+        name=RETURN_SPRING,
+        law=BESIDE_A_BODY,
+        family="elastic",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("spring_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(Shape("rest", "{x}", -3.0, 3.0, 0.0, relative_to="place", points=8),),
+        step=_beside_rest,
+        sentence="A spring, cable or hose pulls the axis to {rest} with {spring_stiffness}.",
+        compensation="subtract_force",
+        only_in_contact=False,
+        like=("force_bias",),
     ),
     Effect(
         name="tool_inertia",

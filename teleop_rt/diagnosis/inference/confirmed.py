@@ -25,6 +25,7 @@ from teleop_rt.diagnosis.noise.noise_floor import known_noise, largest_noise, no
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.diagnosis.samples.held import SURE_PULL, bilateral, is_held
 from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.rows import Stretch
@@ -54,13 +55,33 @@ class Judged:
 def judged(
     recording: Recording, base: Base, surface: float | None, effects: tuple[Effect, ...]
 ) -> Judged:
-    """Return the confirmed judgement; a surface behind a weight is searched if need be."""
-    first = _judged(recording, base, surface, effects)
-    known = surface is not None or recording.surface is not None or not base.touches
-    if known or not first.inconclusive or (hidden := surface_behind_weight(recording)) is None:
-        return first
-    other = _judged(recording, base, hidden, effects)
-    return first if other.inconclusive else other
+    """Return the confirmed judgement, of the first view of the contact that names something."""
+    first, *others = _views(recording, base, surface)
+    made = _judged(recording, *first, effects)
+    for view in others:
+        if not made.inconclusive:
+            break
+        other = _judged(recording, *view, effects)
+        made = made if other.inconclusive else other
+    return made
+
+
+def _views(
+    recording: Recording, base: Base, surface: float | None
+) -> list[tuple[Base, float | Surface | None]]:
+    """Return the views of the contact, likeliest first, each a base and its surface.
+
+    If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
+    weight. A body that pulls only a little is taken for one that the tool leaves first.
+    """
+    stated: tuple[Base, float | Surface | None] = base, surface
+    if surface is not None or recording.surface is not None or not base.touches:
+        return [stated]
+    views, held = [stated], bilateral(base)
+    if held is not None and is_held(recording):
+        views.insert(0 if is_held(recording, SURE_PULL) else 1, (held, None))
+    hidden = surface_behind_weight(recording) if held not in {one for one, _ in views} else None
+    return views if hidden is None else [*views, (base, hidden)]
 
 
 def _judged(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect, Vector
+from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.laws import by_other_laws
@@ -152,7 +152,9 @@ def same_physics(one: Effect, other: Effect) -> bool:
     if len(names) == 1 or names in _CONTAINED_LAWS:
         return True
     at_same_places = one.only_in_contact == other.only_in_contact
-    return names <= _FRICTION_NAMES and (at_same_places or WITHOUT_CONTACT in {one.law, other.law})
+    return names <= _FRICTION_NAMES and (
+        at_same_places or one.without_contact or other.without_contact
+    )
 
 
 def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Effect
-from teleop_rt.contact.effects.tool import RETURN_SPRING, THROUGH_A_LINKAGE
+from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.needed import needed_pairs
@@ -50,6 +50,7 @@ _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like 
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
 _UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
 _BY_DIRECTION = "backward_ratio"  # shape of friction by direction
+_IN_AIR = {BESIDE_A_BODY, THROUGH_A_LINKAGE}
 _SURFACE_SHIFTS = {
     ("contact_offset", ""),
     ("backlash", "from the loading flank"),
@@ -235,18 +236,21 @@ def applicable(
     rotary = recording.units[0] == "rad"
 
     def possible(effect: Effect) -> bool:
-        linkage = effect.law == THROUGH_A_LINKAGE
+        linkage, in_air = effect.law == THROUGH_A_LINKAGE, effect.law in _IN_AIR
         if effect.name == OUTLIERS or (effect.name == "gravity_torque" and rotary == linkage):
             return False
-        if linkage or effect.name == RETURN_SPRING:
-            in_air = linkage and base.touches and not pressed
-            return in_air or (base.has_bias and not (base.touches or base.has_spring))
+        if in_air or effect.name == RETURN_SPRING:
+            if base.touches:
+                return in_air and not pressed
+            return effect.law != BESIDE_A_BODY and base.has_bias and not base.has_spring
+        if effect.name == "hunt_crossley" and base.has_power:
+            return False
         if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
             return False
         shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)
         if shifts and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
             return False
-        if effect.law == WITHOUT_CONTACT:
+        if effect.without_contact:
             held = base.has_spring or effect.family not in {"relaxation", "stiffening"}
             return held and not base.touches
         material = effect.belongs_to == "environment" or effect.only_in_contact

@@ -16,7 +16,8 @@ HELD = (
     " so the base is {base}, in which a bias and a rest position are one; if the body only pushes,"
     " give its place with --surface"
 )
-_LEAST_PULL = 0.1  # of the force's range; less is a bias, friction, or a little adhesion
+LEAST_PULL = 0.1  # of the force's range; less is a bias, or a little friction or adhesion
+SURE_PULL = 0.2  # of the same; less may be the friction of an axis that leaves the body
 _SLOPE_RATIO = 0.2  # of the stiffness above a surface; in free air guides and cables have less
 _PLACES = 19  # surfaces tried, from 5 to 95 % of the samples
 _BILATERAL = {
@@ -31,15 +32,16 @@ def bilateral(base: Base) -> Base | None:
     return None if name is None else base_of(name)
 
 
-def is_held(recording: Recording) -> bool:
+def is_held(recording: Recording, least_pull: float = LEAST_PULL) -> bool:
     """Return whether a body is fixed to the tool, so that no surface exists.
 
     A body that is left has a force without slope beyond its surface. At the surface that divides
-    the force best into two straight parts, both parts of a held body have a slope.
+    the force best into two straight parts, both parts of a held body have a slope. It pulls by
+    `least_pull` of the force's range or more.
     """
     force = without_lone(recording.force)
     low, high = bulk(force)
-    if min(-low, high) < _LEAST_PULL * (high - low):
+    if min(-low, high) < least_pull * (high - low):
         return False
     half = half_window(recording.position, recording.dt, 1)
     x, v, _ = differentiate(recording.position, recording.dt, half)

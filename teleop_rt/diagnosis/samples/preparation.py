@@ -18,7 +18,6 @@ from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps
 from teleop_rt.diagnosis.samples import steps
 from teleop_rt.diagnosis.samples.converter import without_steps
-from teleop_rt.diagnosis.samples.held import bilateral, is_held
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
 from teleop_rt.diagnosis.samples.onset import Surface
@@ -51,16 +50,12 @@ def pose(
 ) -> tuple[Problem, Base]:
     """Return the problem, and the base with its surface free if no surface is given for sure.
 
-    Of a body that is fixed to the tool, without a given surface, it is the base without contact.
     A recording that begins in contact is used from its first release, unless the body is assumed
     to be `fresh` (never pressed before). Raises RecordingError if no sample is usable.
     """
     guess, given = (surface, None) if isinstance(surface, Surface) else (None, surface)
     if given is not None or not base.touches:
         return problem_of(recording, base, given or 0.0, fresh=fresh), base
-    held = bilateral(base)
-    if held is not None and guess is None and recording.surface is None and is_held(recording):
-        return problem_of(recording, held, 0.0, fresh=fresh), held
     guess = guess or surface_of(recording)
     if guess.fixed:
         return problem_of(recording, base, guess.position, fresh=fresh), base
