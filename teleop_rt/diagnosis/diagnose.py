@@ -18,9 +18,10 @@ from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
 from teleop_rt.diagnosis.answers.residuals import Unseen, nearest, predict_recording
 from teleop_rt.diagnosis.draft.choice import dependence
+from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.confirmed import Judged, judged, noise_of
 from teleop_rt.diagnosis.inference.explanation import likelihoods
-from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, applicable
+from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis
 from teleop_rt.diagnosis.inference.verdict import Verdict
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit

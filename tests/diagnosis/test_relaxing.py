@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.rounds import applicable
+from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 

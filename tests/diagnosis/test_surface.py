@@ -12,7 +12,7 @@ from scipy.signal import butter, lfilter
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.rounds import applicable
+from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays

@@ -97,13 +97,6 @@ def _damped_with_depth(
     return float(max(x, 0.0) ** eta[0] * v)
 
 
-@kernel
-def _damped_beside(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    return float(abs(x - eta[0]) ** eta[1] * v)
-
-
 # From beyond the stroke a power is one of a spring that only stiffens inwards. Of an odd number of
 # places one is the middle, about which a held body is most often alike on both sides.
 _CENTRE = Shape("centre", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=9)
@@ -283,20 +276,6 @@ EFFECTS = (
         sentence="Damping grows with the depth, with the power {power} (Hunt and Crossley).",
         compensation="render",
         derivative_order=1,
-    ),
-    Effect(
-        name="hunt_crossley",
-        law=WITHOUT_CONTACT,
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("damping", "{f} s/{x}^(power+1)", nonnegative=True),
-        shapes=(replace(_CENTRE, points=5), replace(_DAMPING_POWER, points=2)),
-        step=_damped_beside,
-        sentence="Damping grows about {centre}, with the power {power} (Hunt and Crossley).",
-        compensation="render",
-        derivative_order=1,
-        only_in_contact=False,
     ),
     Effect(
         name="quadratic_damping",

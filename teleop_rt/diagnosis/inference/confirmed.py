@@ -24,8 +24,8 @@ from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import known_noise, largest_noise, noise_floor
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.held import SURE_PULL, bilateral, is_held
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.rows import Stretch

@@ -8,9 +8,10 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO, NOISE_POWER_DOUBT
+from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
-from teleop_rt.diagnosis.inference.rounds import Diagnosis, applicable
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
 from teleop_rt.diagnosis.models import held_out

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
+from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.needed import needed_pairs
 from teleop_rt.diagnosis.inference.pairs import alike
 from teleop_rt.diagnosis.inference.ranking import Ranking, weighed_errors
@@ -42,20 +42,13 @@ from teleop_rt.diagnosis.samples import beginning, touches
 from teleop_rt.diagnosis.samples.dropouts import dropouts, without
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, resolution_step
 from teleop_rt.diagnosis.samples.preparation import Samples, without_edges
-from teleop_rt.diagnosis.samples.rows import OUTLIERS, Stretch
+from teleop_rt.diagnosis.samples.rows import Stretch
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
 INCONCLUSIVE = ("partial", "unexplained")
 _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
 _UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
-_BY_DIRECTION = "backward_ratio"  # shape of friction by direction
-_IN_AIR = {BESIDE_A_BODY, THROUGH_A_LINKAGE}
-_SURFACE_SHIFTS = {
-    ("contact_offset", ""),
-    ("backlash", "from the loading flank"),
-    ("backlash", "from the unloading flank"),
-}
 
 
 @dataclass(frozen=True)
@@ -217,43 +210,3 @@ def _stiffness(fit: Fit) -> float | None:
         return None
     names = [linear.name for linear in fit.model.linear]
     return float(fit.theta[names.index("k")]) if "k" in names else None
-
-
-def applicable(
-    effects: tuple[Effect, ...], recording: Recording, base: Base, *, pressed: bool = False
-) -> tuple[Effect, ...]:
-    """Return the effects that are possible on this rig and with this base.
-
-    Gravity of a lever needs a rotary rig. A linkage's weight shows in free air. Without contact it
-    and a return spring need a drive that has a bias, for which they would stand in, and no spring:
-    between them the data choose. A material effect needs a base with contact. Laws without contact
-    apply to a base without contact, a relaxation or stiffening only to one with a spring: a drive
-    alone has no body. Outliers are tested separately. If the base finds the surface, its surface
-    parameter covers an offset and the flank of a play. Friction by direction equals symmetric
-    friction and a bias (only a rest separates them), so a base with a bias excludes it, and so does
-    one that finds the surface of a body that is `pressed` all along, where a surface is a bias.
-    """
-    rotary = recording.units[0] == "rad"
-
-    def possible(effect: Effect) -> bool:
-        linkage, in_air = effect.law == THROUGH_A_LINKAGE, effect.law in _IN_AIR
-        if effect.name == OUTLIERS or (effect.name == "gravity_torque" and rotary == linkage):
-            return False
-        if in_air or effect.name == RETURN_SPRING:
-            if base.touches:
-                return in_air and not pressed
-            return effect.law != BESIDE_A_BODY and base.has_bias and not base.has_spring
-        if effect.name == "hunt_crossley" and base.has_power:
-            return False
-        if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
-            return False
-        shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)
-        if shifts and any(shape.name == _BY_DIRECTION for shape in effect.shapes):
-            return False
-        if effect.without_contact:
-            held = base.has_spring or effect.family not in {"relaxation", "stiffening"}
-            return held and not base.touches
-        material = effect.belongs_to == "environment" or effect.only_in_contact
-        return base.touches or not (material or effect.acts == "deflects")
-
-    return tuple(effect for effect in effects if possible(effect))

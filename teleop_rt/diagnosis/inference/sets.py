@@ -21,6 +21,7 @@ from teleop_rt.diagnosis.inference.laws import extended
 from teleop_rt.diagnosis.inference.pairs import fit_without
 from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, with_other_clamp
+from teleop_rt.diagnosis.inference.starts import Start
 from teleop_rt.diagnosis.inference.unsupported import unsupported
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
@@ -28,6 +29,7 @@ from teleop_rt.diagnosis.models.model import CandidateModel
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
 OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one recording alone
 _STARTS = 10  # laws fitted at each step, of those that promise most
+_LAWS = 2  # of one effect among them
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
 # Of chi-square. Below it a second harmonic only adapts to what no law of the set describes: on
@@ -94,7 +96,7 @@ def _stepwise(steps: _Steps, effects: tuple[Effect, ...]) -> list[Scored]:
     """Return the sets tried forward and backward, the least energy first."""
     tried = level = [steps.alone]
     for number in range(MOST_EFFECTS):
-        firsts = level[: _FIRSTS if number == 1 else 1]
+        firsts = _of_different_families(level)[:_FIRSTS] if number == 1 else level[:1]
         longer = [one for first in firsts for one in steps.extended(first, effects)]
         if not longer:
             break
@@ -160,8 +162,7 @@ class _Steps:
         starts = self._once(
             "starts", first, lambda: screen_coarsely(self.problem, self.lower, first.fit, others)
         )
-        families = {effect.family for effect in others}
-        starts = [start for start in starts if start.effect.family in families][:_STARTS]
+        starts = _of_different_effects([s for s in starts if s.effect in others])
         fits = [
             self._once("fit", start, partial(fit_start, near, start, _EVALUATIONS))
             for start in starts
@@ -180,6 +181,24 @@ class _Steps:
             else self.problem.solve(*_parameters(fit))
         )
         return _scored(self.problem, self.base, fine, first.energies)
+
+
+def _of_different_families(singles: list[Scored]) -> list[Scored]:
+    """Return the best single effect of each family, one with a supported name if there is any."""
+    best: dict[str, Scored] = {}
+    for one in sorted(singles, key=lambda one: not one.nameable):
+        best.setdefault(one.fit.model.effects[0].family, one)
+    return sorted(best.values(), key=lambda one: one.energy)
+
+
+def _of_different_effects(starts: list[Start]) -> list[Start]:
+    """Return the starts that promise most, of which few are laws of the same effect."""
+    found: list[Start] = []
+    for start in starts:
+        laws = sum(one.effect.name == start.effect.name for one in found)
+        if laws < _LAWS and len(found) < _STARTS:
+            found.append(start)
+    return found
 
 
 def _parameters(fit: Fit) -> tuple[CandidateModel, Vector, Vector]:

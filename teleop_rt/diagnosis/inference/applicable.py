@@ -1,0 +1,71 @@
+"""The effects that are possible on a rig and with a base."""
+
+from __future__ import annotations
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
+from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.rows import OUTLIERS
+
+_BY_DIRECTION = "backward_ratio"  # shape of friction by direction
+_SURFACE_SHIFTS = {
+    ("contact_offset", ""),
+    ("backlash", "from the loading flank"),
+    ("backlash", "from the unloading flank"),
+}
+_IN_AIR = {BESIDE_A_BODY, THROUGH_A_LINKAGE}
+
+
+def applicable(
+    effects: tuple[Effect, ...], recording: Recording, base: Base, *, pressed: bool = False
+) -> tuple[Effect, ...]:
+    """Return the effects that are possible on this rig and with this base.
+
+    Outliers are tested separately. A body that is `pressed` all along shows no free air.
+    """
+    rotary = recording.units[0] == "rad"
+
+    def possible(effect: Effect) -> bool:
+        if effect.name == OUTLIERS or _is_in_base(effect, base, pressed):
+            return False
+        if effect.name in {"gravity_torque", RETURN_SPRING}:
+            return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
+        if effect.without_contact:
+            held = base.has_spring or effect.family not in {"relaxation", "stiffening"}
+            return held and not base.touches
+        material = effect.belongs_to == "environment" or effect.only_in_contact
+        return base.touches or not (material or effect.acts == "deflects")
+
+    return tuple(effect for effect in effects if possible(effect))
+
+
+def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
+    """Return whether a parameter of the base covers the effect.
+
+    An estimated surface covers an offset and the flank of a play. Friction by direction equals
+    symmetric friction and a bias (only a rest separates them); so does the surface of a body that
+    is `pressed` all along. A base with a power has a damping that grows with the depth.
+    """
+    if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
+        return True
+    if base.has_power and effect.name == "hunt_crossley":
+        return True
+    shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)
+    return shifts and any(shape.name == _BY_DIRECTION for shape in effect.shapes)
+
+
+def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -> bool:
+    """Return whether a weight or a spring that pulls the axis itself is possible.
+
+    Gravity of a lever needs a rotary rig. Beside a body that is touched, `in_air` shows both.
+    Without contact they need a drive that has a bias, for which they would stand in, and no
+    spring: between them the data choose.
+    """
+    if effect.name == "gravity_torque" and rotary == (effect.law == THROUGH_A_LINKAGE):
+        return False
+    if effect.name == "gravity_torque" and rotary:
+        return True
+    if base.touches:
+        return in_air and effect.law in _IN_AIR
+    return effect.law != BESIDE_A_BODY and base.has_bias and not base.has_spring
