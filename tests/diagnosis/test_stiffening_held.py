@@ -13,7 +13,7 @@ STIFFNESS_N_PER_M, VISCOUS_N_S_PER_M, STROKE_M, NOISE_N = 2500.0, 6.0, 4e-3, 0.0
 
 
 def held(seed: int, law: str, zero_m: float) -> Recording:
-    """Return 8 s of slow strokes of a spring: `even`, `cubic` both ways, or stiffer `inwards`."""
+    """Return 8 s of slow strokes of a spring: `even`, or with one of five laws that bend it."""
     rng = np.random.default_rng(seed)
     t = DT_S * np.arange(SAMPLES)
     x, v = np.zeros((2, SAMPLES))
@@ -26,6 +26,12 @@ def held(seed: int, law: str, zero_m: float) -> Recording:
         pull *= 1.0 + 0.15 * (x / STROKE_M) ** 2
     elif law == "inwards":
         pull += 0.4 * np.expm1((x / STROKE_M + 1.0) / 0.8)
+    elif law == "rubber":
+        pull *= 1.0 + 0.03 * np.expm1(2.4 * (x / STROKE_M) ** 2)
+    elif law == "layers":
+        pull += 900.0 * np.sign(x) * np.maximum(np.abs(x) - 0.45 * STROKE_M, 0.0)
+    elif law == "stop":
+        pull += 900.0 * np.maximum(x - 0.3 * STROKE_M, 0.0)
     force = pull + VISCOUS_N_S_PER_M * v + 0.7 + NOISE_N * rng.normal(size=SAMPLES)
     return from_arrays(law, t, x + zero_m, force)
 
@@ -40,6 +46,21 @@ def test_a_held_spring_that_hardens_is_named_stiffening(law: str, zero_m: float)
     centre = answer["effects"][0]["parameters"]["centre"]
     if law == "cubic":
         assert abs(centre["value"] - zero_m) < 0.3 * STROKE_M
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        ("rubber", "nonlinear_stiffening"),
+        ("layers", "second_layer"),
+        ("stop", "second_layer"),
+    ],
+)
+def test_no_ripple_stands_in_for_what_bends_a_held_spring(law: str, name: str) -> None:
+    answer = diagnose(held(13, law, -0.02), "spring,viscous,bias").answer
+    assert answer["class"] == [[name]]
+    # A power is not quite the exponential of a square.
+    assert answer["error"]["after"] < 1.5 * answer["error"]["noise_floor"]
 
 
 def test_a_held_spring_that_is_even_misses_nothing() -> None:
