@@ -50,6 +50,9 @@ class ExtendedBaseConfig(Section):
         default=False,
         description="Whether that cut took the material effects' force together with the model's.",
     )
+    clamped_without_damping: bool = Field(
+        default=False, description="Whether that cut left the damping of the model, which may pull."
+    )
 
 
 class ExtendedModelConfig(Section):

@@ -15,7 +15,7 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.fitted import ExtendedModelError, FittedEffect, fitted_effect
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.model import CandidateModel, nonlinear_amplitude, phases
+from teleop_rt.diagnosis.models.model import CandidateModel, Clamp, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.preparation import problem_of
@@ -23,7 +23,13 @@ from teleop_rt.diagnosis.samples.rows import OUTLIERS
 from teleop_rt.diagnosis.samples.surface import surface_of
 
 Fitted = tuple[FittedEffect, ...]
-Clamped = bool | Literal["with effects"]
+Clamped = bool | Literal["with effects", "without damping"]
+_CLAMPS: dict[Clamped, Clamp] = {
+    False: "none",
+    True: "base",
+    "with effects": "body",
+    "without damping": "elastic",
+}
 _SAME_SURFACE = 0.1
 """The share of the travel by which the onset of the force may miss the surface of the same rig."""
 
@@ -33,7 +39,7 @@ class ExtendedModel:
     """A base model by name, its parameters, and effects, in the units of the rig.
 
     `clamped`: the force of the base is cut off below 0, or that of the base with the effects of the
-    material.
+    material, or that without the damping of the base.
     """
 
     base: str
@@ -82,7 +88,8 @@ def model_of(place: str, document: Mapping[str, Any], known: Sequence[Effect]) -
     )
     clamped: Clamped = bool(base.get("clamped", False))
     if clamped and base.get("clamped_with_effects", False):
-        clamped = "with effects"
+        without = base.get("clamped_without_damping", False)
+        clamped = "without damping" if without else "with effects"
     return ExtendedModel(base["model"], values, fitted, clamped)
 
 
@@ -97,12 +104,7 @@ def predict(model: ExtendedModel, source: Source) -> Vector:
     surface = _surface(model, recording) if base.touches else 0.0
     motion = problem_of(recording, base, surface).motion
     effects = tuple(one.effect for one in model.effects)
-    whole = CandidateModel(
-        base,
-        effects,
-        clamped=bool(model.clamped) and base.touches,
-        clamped_with_effects=model.clamped == "with effects",
-    )
+    whole = CandidateModel(base, effects, _CLAMPS[model.clamped] if base.touches else "none")
     return force_of(whole, motion, _nonlinear(model, whole), _linear(model, whole))
 
 

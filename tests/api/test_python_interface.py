@@ -166,8 +166,11 @@ def test_a_model_written_and_read_predicts_the_same(diagnosed, tmp_path, monkeyp
     assert model.clamped == diagnosis.model.clamped
     expected = teleop_rt.predict(diagnosis.model, recording)
     assert np.array_equal(teleop_rt.predict(model, recording), expected)
-    for clamped in (True, False):
-        answer = dict(diagnosis.answer) | {"base": diagnosis.answer["base"] | {"clamped": clamped}}
+    kinds = {False: (), True: ("",), "with effects": ("", "_with_effects"),
+             "without damping": ("", "_with_effects", "_without_damping")}  # fmt: skip
+    for clamped, true in kinds.items():
+        keys = {f"clamped{key}": key in true for key in kinds["without damping"]}
+        answer = dict(diagnosis.answer) | {"base": diagnosis.answer["base"] | keys}
         extended.write(tmp_path / "other.yaml", answer)
         assert teleop_rt.read_model(tmp_path / "other.yaml").clamped == clamped
 

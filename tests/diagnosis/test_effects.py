@@ -247,6 +247,7 @@ def answer_with(parameters: dict[str, float]) -> dict[str, object]:
             "parameters": {"k": {"value": 3600.0}},
             "clamped": False,
             "clamped_with_effects": False,
+            "clamped_without_damping": False,
         },
         "effects": [
             {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.least_squares import explained, least_squares
-from teleop_rt.diagnosis.models.model import CandidateModel, bounds
+from teleop_rt.diagnosis.models.model import CandidateModel, Clamp, bounds
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
 from teleop_rt.diagnosis.models.simulate import late
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, differentiate
@@ -31,18 +32,15 @@ SCALES = {
 }
 
 
-@pytest.mark.parametrize("clamps", [(False, False), (True, False), (True, True)])
+@pytest.mark.parametrize("clamp", get_args(Clamp))
 @pytest.mark.parametrize("base", ["kelvin-voigt", "hunt-crossley"])
 def test_the_force_is_the_sum_of_the_columns_at_the_same_parameters(
-    base: str, clamps: tuple[bool, bool]
+    base: str, clamp: Clamp
 ) -> None:
     motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
     size = {"k": 2000.0, "b": 20.0}
     for first, second in zip(LIBRARY, LIBRARY[7:] + LIBRARY[:7], strict=True):
-        clamped, whole = clamps
-        model = CandidateModel(
-            base_of(base), (first, second), clamped=clamped, clamped_with_effects=whole
-        )
+        model = CandidateModel(base_of(base), (first, second), clamp)
         edges = np.array([bounds(c.shape, motion.scales) for c in model.coordinates])
         zeta = edges.reshape(-1, 2) @ (0.6, 0.4)
         theta = np.array([size.get(linear.name, 0.7) for linear in model.linear])
@@ -70,7 +68,7 @@ def test_a_mass_is_accelerated_as_the_tip_moves() -> None:
 
 def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
     motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
-    model = CandidateModel(base_of("kelvin-voigt"), clamped=True)
+    model = CandidateModel(base_of("kelvin-voigt"), clamp="base")
     course = Course.of(model, motion, np.zeros(0))
     assert settled(course, np.array([2000.0, 20.0]), np.array([1000.0, 10.0]))
     assert not settled(course, np.array([2000.0, 20.0]), np.array([2000.0, 40.0]))
@@ -82,14 +80,20 @@ def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
 def test_a_relaxed_body_releases_the_tool_before_its_spring_would() -> None:
     motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
     model = CandidateModel(
-        base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),), clamped=True
+        base_of("kelvin-voigt"), (find("stress_relaxation", "one arm"),), clamp="base"
     )
     zeta, theta = np.array([0.1]), np.array([300.0, 0.0, 2000.0])
-    free = force_of(replace(model, clamped=False), motion, zeta, theta)
+    free = force_of(replace(model, clamp="none"), motion, zeta, theta)
     assert np.min(free) < -1.0
     np.testing.assert_array_equal(force_of(model, motion, zeta, theta), free)
-    whole = replace(model, clamped_with_effects=True)
+    whole = replace(model, clamp="body")
     np.testing.assert_allclose(force_of(whole, motion, zeta, theta), np.maximum(free, 0.0))
+    damped, damping = theta + np.array([0.0, 40.0, 0.0]), np.where(X > 0.0, 40.0 * V, 0.0)
+    np.testing.assert_allclose(
+        force_of(replace(model, clamp="elastic"), motion, zeta, damped),
+        np.maximum(free, 0.0) + damping,
+        atol=1e-9,
+    )
 
 
 def test_rows_smoothed_together_are_smoothed_as_each_alone() -> None:

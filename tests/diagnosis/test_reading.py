@@ -63,7 +63,7 @@ def test_a_late_force_is_seen_where_the_base_alone_takes_the_contact_to_pull() -
     problem = problem_of(from_arrays("late", t, x, force), base, 0.0)
     unclamped = problem.solve(CandidateModel(base), np.zeros(0))
     (start,) = screen(problem, unclamped, (find("channel_delay"),))
-    assert start.model.clamped
+    assert start.model.clamp == "base"
     assert start.gain > 0.8 * unclamped.chi2
     assert abs(start.zeta[0] - LAG_S) < 2e-3
 
@@ -89,7 +89,7 @@ def test_a_second_effect_must_exceed_the_firsts_encoder_errors() -> None:
     problem = problem_of(recording, base, 0.0)
     errors = input_errors(problem.motion, recording)
     rank = Ranking(problem, fit_base(problem, base), errors, STEP_M)
-    model = CandidateModel(base, (find("tool_inertia"),), clamped=True)
+    model = CandidateModel(base, (find("tool_inertia"),), clamp="base")
     heavy = rank(problem.solve(model, np.zeros(0)))
     assert rank.floor_of(heavy.fit) > 5.0 * rank.floor
     left = lack_of_fit(problem, rank.base, tangent_space(problem, rank.base))

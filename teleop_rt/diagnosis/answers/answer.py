@@ -81,8 +81,9 @@ def base_entry(fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]
         found["surface"] = entry(surface, float(spread[place, place]), units[0])
     return {
         "model": fit.model.base.name,
-        "clamped": fit.model.clamped,
-        "clamped_with_effects": fit.model.clamped_with_effects,
+        "clamped": fit.model.clamp != "none",
+        "clamped_with_effects": fit.model.clamp in {"body", "elastic"},
+        "clamped_without_damping": fit.model.clamp == "elastic",
         "parameters": found,
     }
 

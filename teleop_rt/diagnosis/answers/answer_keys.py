@@ -34,6 +34,8 @@ class FittedBase(Keys):
     """Whether the base's force is cut at zero, for contact never pulls."""
     clamped_with_effects: bool
     """Whether that cuts base and material effects together, as of a body that lets go."""
+    clamped_without_damping: bool
+    """Whether that leaves the damping of the base, which may still pull."""
     parameters: dict[str, FittedParameter]
     """Parameters by name."""
 

@@ -13,6 +13,8 @@ from teleop_rt.contact.fitted import ExtendedModelError, FittedEffect, fitted_ef
 
 __all__ = ["ExtendedModelError", "FittedEffect", "document", "read", "write"]
 
+_CLAMPS = ("clamped", "clamped_with_effects", "clamped_without_damping")
+
 
 def document(answer: dict[str, Any]) -> dict[str, Any]:
     """Return the extended model of a diagnosis' answer, ready to be written."""
@@ -20,8 +22,7 @@ def document(answer: dict[str, Any]) -> dict[str, Any]:
         "base": {
             "model": answer["base"]["model"],
             "parameters": {k: p["value"] for k, p in answer["base"]["parameters"].items()},
-            "clamped": answer["base"]["clamped"],
-            "clamped_with_effects": answer["base"]["clamped_with_effects"],
+            **{key: answer["base"][key] for key in _CLAMPS},
         },
         "effects": [
             {

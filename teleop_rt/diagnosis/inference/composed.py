@@ -16,6 +16,7 @@ from teleop_rt.diagnosis.models.model import (
     JUMPS,
     SURFACE,
     CandidateModel,
+    Clamp,
     bounds,
     nonlinear_amplitude,
 )
@@ -113,12 +114,13 @@ def _clamps(problem: Problem, fit: Fit, model: CandidateModel) -> list[Candidate
     """
     if fit.model.effects:
         return [model]
-    free = replace(fit.model, clamped=False)
+    free = replace(fit.model, clamp="none")
     force = force_of(free, problem.motion, fit.zeta, fit.theta)
     noise = np.sqrt(np.mean(problem.whitener.density) / problem.force.size)
     inside = problem.motion.x + free.shift(fit.zeta) > 0.0
     pulls = bool(np.any(inside & (force < -SIGMAS * noise)))
-    return [model, replace(model, clamped=not model.clamped)] if pulls else [model]
+    other: Clamp = "base" if model.clamp == "none" else "none"
+    return [model, replace(model, clamp=other)] if pulls else [model]
 
 
 def _amplitudes(

@@ -29,10 +29,8 @@ def by_other_laws(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> li
             if law.extends not in {None, effect.law}:
                 continue
             members = (*fit.model.effects[:member], law, *fit.model.effects[member + 1 :])
-            for clamped, whole in clamps:
-                model = replace(
-                    fit.model, effects=members, clamped=clamped, clamped_with_effects=whole
-                )
+            for clamp in clamps:
+                model = replace(fit.model, effects=members, clamp=clamp)
                 zeta = [
                     known.get((c.owner, c.shape.name), _start(c.shape, scales))
                     for c in model.coordinates

@@ -42,7 +42,7 @@ def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
     """
     models = [CandidateModel(base)]
     if base.touches:
-        models.append(CandidateModel(base, clamped=True))
+        models.append(CandidateModel(base, clamp="base"))
     start = np.array([c.shape.start if isinstance(c.shape, Shape) else 0.0
                       for c in models[0].coordinates]) if near is None else near.zeta  # fmt: skip
     fits = [polished(problem, problem.refine(model, start)) for model in models]
@@ -301,12 +301,9 @@ def _shifts_depth(effect: Effect) -> bool:
 def with_other_clamp(problem: Problem, fit: Fit) -> Fit:
     """Return the best fit with another clamp at zero force, which an effect may have hidden."""
     model = fit.model
-    own = model.clamped, model.clamped_with_effects
     others = [
-        problem.refine(
-            replace(model, clamped=clamped, clamped_with_effects=whole), fit.zeta, evaluations=6
-        )
-        for clamped, whole in model.clamps
-        if (clamped, whole) != own
+        problem.refine(replace(model, clamp=clamp), fit.zeta, evaluations=6)
+        for clamp in model.clamps
+        if clamp != model.clamp
     ]
     return min(others, key=lambda other: other.chi2, default=fit)

@@ -28,6 +28,11 @@ class BaseTerm:
     in_contact: bool = True
     uses_power: bool = False
 
+    @property
+    def damps(self) -> bool:
+        """Return whether the term is a material's damping."""
+        return self.in_contact and self.function in {_speed, _forward, _damping}
+
 
 @dataclass(frozen=True, slots=True)
 class Base:

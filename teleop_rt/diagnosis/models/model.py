@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,13 @@ POWER = Shape("n", "1", 0.6, 4.0, 1.3, points=1)
 SURFACE = Amplitude("surface", "{x}", lower=-1.0, upper=1.0, relative_to="onset")
 
 
+Clamp = Literal["none", "base", "body", "elastic"]
+"""The force that contact cuts at zero, because it never pulls.
+
+`base`: that of the base. `body`: that of base and material effects together, because a relaxed body
+releases the tool before the base alone would. `elastic`: the same without the base's damping, as of
+a body that releases the tool while a fluid still holds it.
+"""
 JUMPS = ("moves_position", "shifts_time")
 """Actions of effects that move a contact in place or time, where a damper's force jumps."""
 
@@ -70,17 +77,13 @@ def phases(effect: Effect) -> bool:
 class CandidateModel:
     """A base and effects, in a fixed order of nonlinear and linear parameters.
 
-    `clamped`: contact never pulls, so the base's force is cut at zero. `clamped_with_effects`: the
-    cut applies to base and material effects together, because a relaxed body releases the tool
-    before the base alone would. `past`: the force before the recording is estimated as well, for
-    effects with a fading memory.
+    `past`: the force before the recording is estimated as well, for effects with a fading memory.
     """
 
     base: Base
     effects: tuple[Effect, ...] = ()
-    clamped: bool = False
+    clamp: Clamp = "none"
     past: bool = False
-    clamped_with_effects: bool = False
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -126,24 +129,31 @@ class CandidateModel:
         if any(effect.acts == "deflects" for effect in self.effects):
             return 6
         limits = any(effect.acts == "limits_force" for effect in self.effects)
-        return 3 if limits or self.clamped else 1
+        return 3 if limits or self.clamp != "none" else 1
 
     @property
-    def clamps(self) -> tuple[tuple[bool, bool], ...]:
-        """The distinct pairs (`clamped`, `clamped_with_effects`) of this model."""
+    def clamps(self) -> tuple[Clamp, ...]:
+        """The distinct clamps of this model."""
         if not self.base.touches:
-            return ((False, False),)
-        return ((False, False), (True, False), *([(True, True)] if any(self._cut) else []))
+            return ("none",)
+        if not any(self._of_the_body):
+            return ("none", "base")
+        return ("none", "base", "body", "elastic")
 
     @property
     def cut(self) -> tuple[bool, ...]:
         """Which effects a clamp cuts together with the base."""
-        return (
-            self._cut if self.clamped and self.clamped_with_effects else (False,) * len(self._cut)
-        )
+        whole = self.clamp in {"body", "elastic"}
+        return self._of_the_body if whole else (False,) * len(self.effects)
 
     @cached_property
-    def _cut(self) -> tuple[bool, ...]:
+    def cut_terms(self) -> NDArray[np.bool_]:
+        """Which terms of the base a clamp cuts."""
+        damping = self.clamp == "elastic"
+        return np.array([not (damping and term.damps) for term in self.base.terms], dtype=bool)
+
+    @cached_property
+    def _of_the_body(self) -> tuple[bool, ...]:
         stiff = not any(effect.acts == "deflects" for effect in self.effects)
         return tuple(stiff and _is_of_the_body(effect) for effect in self.effects)
 

@@ -62,8 +62,12 @@ def _body_force(course: Course, theta: Vector) -> Vector:
         for compliance in compliances:
             base = _pressed(course, base, compliance, theta)
         return base.sum(theta[: len(course.base)])
-    total = _unclamped(course, theta)
-    return np.maximum(total, 0.0) if course.model.clamped else total
+    total = _cut_force(course, theta)
+    if course.model.clamp == "none":
+        return total
+    spared = ~course.model.cut_terms
+    total = np.maximum(total, 0.0)
+    return total + theta[: spared.size][spared] @ course.base[spared] if np.any(spared) else total
 
 
 def columns(course: Course, guess: Vector | None) -> Columns:
@@ -106,10 +110,10 @@ def settled(course: Course, guess: Vector, theta: Vector) -> bool:
     return bool(np.array_equal(_pulls(course, guess), _pulls(course, theta)))
 
 
-def _unclamped(course: Course, theta: Vector) -> Vector:
-    """Return the force of the base and of the effects cut with it, before the clamp."""
-    number = len(course.base)
-    total: Vector = theta[:number] @ course.base
+def _cut_force(course: Course, theta: Vector) -> Vector:
+    """Return the force of the base and of the effects that the clamp cuts, before it does."""
+    number, cut_terms = len(course.base), course.model.cut_terms
+    total: Vector = (theta[:number] * cut_terms) @ course.base
     if not np.any(course.cut):
         return total
     for value, row, cut in zip(theta[number:], course.added, course.cut, strict=True):
@@ -120,15 +124,16 @@ def _unclamped(course: Course, theta: Vector) -> Vector:
 
 def _pulls(course: Course, theta: Vector) -> NDArray[np.bool_]:
     """Return where the body would pull, or is not in contact."""
-    return np.asarray(_unclamped(course, theta) <= 0.0)
+    return np.asarray(_cut_force(course, theta) <= 0.0)
 
 
 def _clamped(course: Course, theta: Vector) -> tuple[list[Vector], list[Vector]]:
     """Return the columns of base and effects, 0 where a clamped body would pull."""
-    if not course.model.clamped:
+    if course.model.clamp == "none":
         return list(course.base), course.added
     pulls = _pulls(course, theta)
-    base = [np.where(pulls, 0.0, column) for column in course.base]
+    terms = zip(course.base, course.model.cut_terms, strict=True)
+    base = [np.where(pulls, 0.0, column) if cut else column for column, cut in terms]
     rows = zip(course.added, course.cut, strict=True)
     return base, [np.where(pulls, 0.0, row) if cut else row for row, cut in rows]
 
@@ -163,7 +168,9 @@ def _press(course: Course, compliance: float, k: float, b: float) -> Vector:
     base, moved = course.model.base, course.moved
     n, nb = (course.power, course.power) if base.has_power else (1.0, 0.0)
     speed = np.maximum(moved.v, 0.0) if base.name == "kelvin-voigt-unilateral" else moved.v
-    return press_in_series(moved.x, speed, k, n, b, nb, compliance, moved.dt, course.model.clamped)
+    return press_in_series(
+        moved.x, speed, k, n, b, nb, compliance, moved.dt, course.model.clamp != "none"
+    )
 
 
 def _pressed(course: Course, base: Columns, compliance: float, theta: Vector) -> Columns:
