@@ -207,8 +207,8 @@ def _named_part(
     share. Of two equal effects, the one within its bounds comes first. What a tone explains is no
     part of the excess of which later effects take their shares: it grows with the recording.
     Another law of the same physics only corrects the first one and is not named. If the data do
-    not support the name of an effect, the set with its special case is returned, or the set without
-    it, or else the empty set.
+    not support the name of an effect, the set with its special case is returned where that explains
+    nearly as much, or the set without the effect, or else the empty set.
     """
     names, order, named = frozenset[str](), list[str](), 0
     energy = known[names].energy
@@ -226,8 +226,10 @@ def _named_part(
             excess -= taken if order[-1] in tones else 0.0
         energy = known[names].energy
     best = _distinct(order[:named], one, known)
-    supported = best - known[best].unsupported
-    ways = (best, *simpler_names(best), supported)
+    taken = one.energies[0] - known[best].energy
+    special = [n for n in simpler_names(best) if n in known
+               and one.energies[0] - known[n].energy >= _NEARLY_AS_GOOD * taken]  # fmt: skip
+    ways = (best, *special, best - known[best].unsupported)
     return next((n for n in ways if n in known and known[n].nameable), frozenset())
 
 
