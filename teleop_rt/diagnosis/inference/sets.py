@@ -23,6 +23,7 @@ from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, with_other_clamp
 from teleop_rt.diagnosis.inference.starts import Start
 from teleop_rt.diagnosis.inference.unsupported import unsupported
+from teleop_rt.diagnosis.inference.verdict import SPECIAL_CASE_OF
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 
@@ -102,11 +103,30 @@ def _stepwise(steps: _Steps, effects: tuple[Effect, ...]) -> list[Scored]:
             break
         level = _without_idle_members(steps.problem, steps.base, longer)
         level = sorted(level, key=lambda one: one.energy)
+        level += _special_cases(steps, level[0], {one.names for one in (*tried, *level)}, effects)
         best = min(tried, key=lambda one: one.energy).energy
         tried = tried + level
         if level[0].energy > (1.0 - LEAST_GAIN) * best:
             break
     return sorted(tried, key=lambda one: one.energy)
+
+
+def _special_cases(
+    steps: _Steps, best: Scored, known: set[frozenset[str]], effects: tuple[Effect, ...]
+) -> list[Scored]:
+    """Return the set with the special case of each effect that has one, if it is not yet `known`.
+
+    Only beside it is the name of the effect judged: friction without Stribeck's may fit as well.
+    """
+    found: list[Scored] = []
+    for member, effect in enumerate(best.fit.model.effects):
+        simple = SPECIAL_CASE_OF.get(effect.name)
+        if simple is None or best.names - {effect.name} | {simple} in known | {best.names}:
+            continue
+        rest = fit_without(steps.problem, best.fit, member)
+        others = _scored(steps.problem, steps.base, rest, best.energies[:1])
+        found += steps.extended(others, tuple(e for e in effects if e.name == simple))
+    return found
 
 
 @dataclass(frozen=True)

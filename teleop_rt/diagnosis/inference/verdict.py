@@ -27,14 +27,15 @@ from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 
 Verdict = Literal["no_missing_effect", "named", "class", "partial", "unexplained"]
-# Each key contains its value as a special case, and so fits at least as well.
-_EXTENDS = {
+SPECIAL_CASE_OF = {
     "stribeck_friction": "coulomb_friction",
     "direction_dependent_damping": "viscous_friction",
     "second_layer": "contact_offset",
     "gravity_torque": "force_bias",
     "force_drift": "force_bias",
+    "return_spring": "force_bias",
 }
+"""Each key contains its value as a special case, and so fits at least as well."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +234,7 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 
 def simpler_names(names: frozenset[str]) -> list[frozenset[str]]:
     """Return the sets in which one effect is replaced by a special case of it."""
-    return [names - {n} | {_EXTENDS[n]} for n in names if n in _EXTENDS]
+    return [names - {n} | {SPECIAL_CASE_OF[n]} for n in names if n in SPECIAL_CASE_OF]
 
 
 def _surpassed_by_pair(ranked: Ranked, pairs: list[Ranked]) -> bool:
