@@ -24,6 +24,14 @@ def _exponential(
 
 
 @kernel
+def _levelling(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    depth = max(x, 0.0)
+    return float(depth / (1.0 + (depth / eta[0]) ** eta[1]) ** (1.0 / eta[1]))
+
+
+@kernel
 def _odd_power(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -137,6 +145,21 @@ EFFECTS = (
         shapes=(Shape("power", "1", 0.25, 0.85, 0.5, points=3),),
         step=_power,
         sentence="The material's tangent falls with depth, with the power {power}.",
+        compensation="render",
+    ),
+    Effect(
+        name="nonlinear_stiffening",
+        law="levelling off",  # a foam whose cells buckle
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(
+            Shape("length", "{x}", 0.1, 2.0, 0.5, logarithmic=True, relative_to="travel", points=6),
+            Shape("sharpness", "1", 1.2, 10.0, 3.0, logarithmic=True, points=2, ideal="upper"),
+        ),
+        step=_levelling,
+        sentence="A stiffness of {stiffness} levels off beyond {length}.",
         compensation="render",
     ),
     Effect(
