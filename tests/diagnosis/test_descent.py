@@ -34,8 +34,9 @@ FITS = [
 
 
 def laws(name: str) -> list[Effect]:
+    """Return the laws of an effect with something to search, for a base that touches."""
     searched = (e for e in LIBRARY if e.shapes or nonlinear_amplitude(e))
-    return [effect for effect in searched if effect.name == name]
+    return [effect for effect in searched if effect.name == name and not effect.without_contact]
 
 
 def by_library(problem: Problem, model: CandidateModel, start: Vector) -> float:

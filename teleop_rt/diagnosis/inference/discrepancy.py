@@ -7,7 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import EFFECT_COST, EXCESS_NOISE_RATIO, NOISE_POWER_DOUBT
+from teleop_rt.diagnosis.criteria import (
+    EFFECT_COST,
+    EXCESS_NOISE_RATIO,
+    NOISE_POWER_DOUBT,
+    SECOND_SHARE,
+)
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
@@ -28,15 +33,16 @@ def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: 
     """Return whether a named set must be judged again with an unknown remainder.
 
     It must if it leaves more than `_LARGEST_LEFT` of the base's energy on inner blocks and more
-    than `noise`, or if it has two or more effects and its residual is larger than the `known`
-    noise, that of the fastest differences or of free air (`left`, `known` and `noise` are
-    deviations of the force): a noise of free colour may have absorbed what the laws miss.
+    than `noise`, or if it has two or more effects, leaves more than the form error of any law, and
+    its residual is larger than the `known` noise, that of the fastest differences or of free air
+    (`left`, `known` and `noise` are deviations of the force): a noise of free colour may have
+    absorbed what the laws miss.
     """
-    if len(plain.best.names) > 1 and left > EXCESS_NOISE_RATIO * known:
+    before, after = (blind_energy(plain.problem, fit) for fit in (plain.base, plain.best))
+    loud = left > EXCESS_NOISE_RATIO * known and after > SECOND_SHARE * before
+    if loud and len(plain.best.names) > 1:
         return True
-    before, after = (
-        blind_energy(plain.problem, fit) - noise**2 for fit in (plain.base, plain.best)
-    )
+    before, after = before - noise**2, after - noise**2
     return after >= before or after > max(_LARGEST_LEFT * before, NOISE_POWER_DOUBT * noise**2)
 
 
