@@ -182,7 +182,8 @@ class _Steps:
         starts = self._once(
             "starts", first, lambda: screen_coarsely(self.problem, self.lower, first.fit, others)
         )
-        starts = _of_different_effects([s for s in starts if s.effect in others])
+        names = {effect.name for effect in others}  # a tone is searched in bands: not the same law
+        starts = _of_different_effects([s for s in starts if s.effect.name in names])
         fits = [
             self._once("fit", start, partial(fit_start, near, start, _EVALUATIONS))
             for start in starts
