@@ -55,14 +55,18 @@ class Judged:
 def judged(
     recording: Recording, base: Base, surface: float | None, effects: tuple[Effect, ...]
 ) -> Judged:
-    """Return the confirmed judgement, of the first view of the contact that names something."""
+    """Return the confirmed judgement, of the first view of the contact that names something.
+
+    A later view must also leave less of the force: with a wrong surface an effect only mends that.
+    """
     first, *others = _views(recording, base, surface)
     made = _judged(recording, *first, effects)
     for view in others:
         if not made.inconclusive:
             break
         other = _judged(recording, *view, effects)
-        made = made if other.inconclusive else other
+        better = other.found.left_by(other.found.predicts) < made.found.left_by(made.found.predicts)
+        made = other if better and not other.inconclusive else made
     return made
 
 
