@@ -21,7 +21,6 @@ from teleop_rt.diagnosis.inference.laws import extended
 from teleop_rt.diagnosis.inference.pairs import fit_without
 from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, with_other_clamp
-from teleop_rt.diagnosis.inference.starts import Start
 from teleop_rt.diagnosis.inference.unsupported import unsupported
 from teleop_rt.diagnosis.inference.verdict import SPECIAL_CASE_OF
 from teleop_rt.diagnosis.models.fit import Fit, Problem
@@ -30,7 +29,6 @@ from teleop_rt.diagnosis.models.model import CandidateModel
 MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
 OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one recording alone
 _STARTS = 10  # laws fitted at each step, of those that promise most
-_LAWS = 2  # of one effect among them
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
 # Of chi-square. Below it a second harmonic only adapts to what no law of the set describes: on
@@ -183,7 +181,7 @@ class _Steps:
             "starts", first, lambda: screen_coarsely(self.problem, self.lower, first.fit, others)
         )
         names = {effect.name for effect in others}  # a tone is searched in bands: not the same law
-        starts = _of_different_effects([s for s in starts if s.effect.name in names])
+        starts = [start for start in starts if start.effect.name in names][:_STARTS]
         fits = [
             self._once("fit", start, partial(fit_start, near, start, _EVALUATIONS))
             for start in starts
@@ -205,21 +203,14 @@ class _Steps:
 
 
 def _of_different_families(singles: list[Scored]) -> list[Scored]:
-    """Return the best single effect of each family, one with a supported name if there is any."""
+    """Return the best single effect of each family, of equally good ones a supported name."""
     best: dict[str, Scored] = {}
-    for one in sorted(singles, key=lambda one: not one.nameable):
-        best.setdefault(one.fit.model.effects[0].family, one)
-    return sorted(best.values(), key=lambda one: one.energy)
-
-
-def _of_different_effects(starts: list[Start]) -> list[Start]:
-    """Return the starts that promise most, of which few are laws of the same effect."""
-    found: list[Start] = []
-    for start in starts:
-        laws = sum(one.effect.name == start.effect.name for one in found)
-        if laws < _LAWS and len(found) < _STARTS:
-            found.append(start)
-    return found
+    for one in singles:
+        first = best.setdefault(one.fit.model.effects[0].family, one)
+        as_good = (1.0 - LEAST_GAIN) * one.energy <= first.energy
+        if as_good and one.nameable and not first.nameable:
+            best[one.fit.model.effects[0].family] = one
+    return list(best.values())
 
 
 def _parameters(fit: Fit) -> tuple[CandidateModel, Vector, Vector]:
