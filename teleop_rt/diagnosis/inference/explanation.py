@@ -208,7 +208,8 @@ def _named_part(
     part of the excess of which later effects take their shares: it grows with the recording.
     Another law of the same physics only corrects the first one and is not named. If the data do
     not support the name of an effect, the set with its special case is returned where that explains
-    nearly as much, or the set without the effect, or else the empty set.
+    nearly as much, or the set without the effect, or else the empty set. A special case that fits
+    as well comes first.
     """
     names, order, named = frozenset[str](), list[str](), 0
     energy = known[names].energy
@@ -229,7 +230,8 @@ def _named_part(
     taken = one.energies[0] - known[best].energy
     special = [n for n in simpler_names(best) if n in known
                and one.energies[0] - known[n].energy >= _NEARLY_AS_GOOD * taken]  # fmt: skip
-    ways = (best, *special, best - known[best].unsupported)
+    as_good = [n for n in special if (1.0 - LEAST_GAIN) * known[n].energy <= known[best].energy]
+    ways = (*as_good, best, *special, best - known[best].unsupported)
     return next((n for n in ways if n in known and known[n].nameable), frozenset())
 
 
