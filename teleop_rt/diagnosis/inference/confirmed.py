@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.inference.discrepancy import (
 )
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
-from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, in_rounds
+from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, exceeds_noise, in_rounds
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import leaves_structure
 from teleop_rt.diagnosis.models import held_out
@@ -22,6 +22,7 @@ from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import known_noise, largest_noise, noise_floor
+from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.held import SURE_PULL, bilateral, is_held
@@ -101,7 +102,12 @@ def _judged(
         if made.found.judgement.sets:
             return made
     found = judge_with_unknown_remainder(plain, recording, effects, errors)
-    return _confirmed_on_blocks(weighed, found, found, lost)
+    made = _confirmed_on_blocks(weighed, found, found, lost)
+    if made.found.judgement.verdict == "unexplained" and _leaves_noise(weighed):
+        nothing = replace(weighed.judgement, verdict="no_missing_effect", sets=(), family=None)
+        weighed = replace(weighed, judgement=nothing)
+        return _confirmed_on_blocks(weighed, weighed, weighed, lost)
+    return made
 
 
 def _confirmed_on_blocks(
@@ -117,6 +123,17 @@ def _confirmed_on_blocks(
         nothing = replace(judgement, verdict="unexplained", sets=(), probability={})
         found = replace(found, judgement=nothing)
     return Judged(weighed, plain, found, lost, blocks)
+
+
+def _leaves_noise(weighed: Diagnosis) -> bool:
+    """Return whether the base alone leaves no more than noise and the encoder's errors.
+
+    A narrow band of noise looks like a tone until the blocks refute it.
+    """
+    problem, base = weighed.problem, weighed.base
+    left = lack_of_fit(problem, base, tangent_space(problem, base))
+    structure = leaves_structure(left, weighed.judgement.floor)
+    return not structure and not exceeds_noise(problem, base, weighed.input_errors)
 
 
 def _confirmed(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.errors import Blocks, explained
+from teleop_rt.diagnosis.answers.errors import Blocks, explained, lowers_the_error
 from teleop_rt.diagnosis.criteria import CONFIRMED_SHARE, SECOND_SHARE
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.verdict import Ranked, leaves_structure
@@ -35,18 +35,20 @@ class OnBlocks:
         """Return whether a set predicts blocks that its fit has not seen.
 
         A set that leaves less than the form error of any law needs no confirmation. Any other must
-        keep half of its gain in whitened energy; a law that absorbs slow noise, or a tone that
-        follows a narrow band of noise, does not. One that leaves structure must also explain half
-        of the base's excess. A law that a single press shows is hidden from the fit with the block
-        of that press; it needs no confirmation if it leaves no structure.
+        keep half of its gain in whitened energy, and lower the error; a law that absorbs slow
+        noise, or a tone that follows a narrow band of noise, does not. One that leaves structure
+        must also explain half of the base's excess. A law that a single press shows is hidden from
+        the fit with the block of that press; it needs no confirmation if it leaves no structure.
         """
         base, left = self.plain.left_by(self.plain.base), self.found.left_by(ranked.fit)
         if left**2 <= SECOND_SHARE * base**2:
             return True
+        unseen = self.blocks.predicted(ranked.fit, self.noise)
         if leaves_structure(ranked.left, self.found.judgement.floor):
-            unseen = self.blocks.predicted(ranked.fit, self.noise)
             return explained(unseen) >= CONFIRMED_SHARE and self._keeps_its_gain(ranked.fit)
-        return self._acts_in_one_fold(ranked.fit) or self._keeps_its_gain(ranked.fit)
+        if self._acts_in_one_fold(ranked.fit):
+            return True
+        return lowers_the_error(unseen) and self._keeps_its_gain(ranked.fit)
 
     def _keeps_its_gain(self, fit: Fit) -> bool:
         problem, base = self.found.problem, self.found.base
