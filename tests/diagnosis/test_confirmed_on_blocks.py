@@ -66,3 +66,21 @@ def test_a_tone_that_follows_a_rattle_is_not_named(seed: int) -> None:
     force += 0.4 * rattle / np.std(rattle) + 0.02 * rng.standard_normal(t.size)
     answer = diagnose(from_arrays("rattle", t, x, force), surface=0.0).answer
     assert "periodic_disturbance" not in {effect["name"] for effect in answer["effects"]}
+
+
+@pytest.mark.parametrize("seed", [10, 14, 17])
+def test_noise_of_a_resonance_that_free_air_shows_is_nothing_missing(seed: int) -> None:
+    """A tone was found in it, and its refutal left the recording unexplained."""
+    rng, rate_hz, resonance_hz = np.random.default_rng(seed), 500.0, 27.0
+    t = np.arange(8000) / rate_hz
+    x = np.full(t.size, 1e-3)
+    for frequency_hz, size_m in ((0.4, 2e-3), (1.1, 1e-3), (2.7, 5e-4)):
+        x += size_m * np.sin(2.0 * np.pi * frequency_hz * t + rng.uniform(0.0, 6.0))
+    kept = np.exp(-np.pi * resonance_hz / rate_hz / 5.0)
+    turned = 2.0 * kept * np.cos(2.0 * np.pi * resonance_hz / rate_hz)
+    white = rng.standard_normal(t.size)
+    noise = lfilter([1.0], [1.0, -turned, kept**2], white) + 0.5 * white
+    force = np.where(x > 0.0, 2600.0 * x + 8.0 * np.gradient(x, t), 0.0)
+    force += 0.02 * noise / np.std(noise)
+    answer = diagnose(from_arrays("resonance", t, x, force)).answer
+    assert (answer["verdict"], answer["class"]) == ("no_missing_effect", [])

@@ -14,14 +14,19 @@ from teleop_rt.diagnosis.inference.discrepancy import (
 )
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
-from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, exceeds_noise, in_rounds
+from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, in_rounds
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import leaves_structure
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import known_noise, largest_noise, noise_floor
+from teleop_rt.diagnosis.noise.noise_floor import (
+    known_noise,
+    largest_noise,
+    noise_floor,
+    noise_in_air,
+)
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -126,14 +131,15 @@ def _confirmed_on_blocks(
 
 
 def _leaves_noise(weighed: Diagnosis) -> bool:
-    """Return whether the base alone leaves no more than noise and the encoder's errors.
+    """Return whether the base alone leaves no more than the noise that free air shows.
 
     A narrow band of noise looks like a tone until the blocks refute it.
     """
     problem, base = weighed.problem, weighed.base
     left = lack_of_fit(problem, base, tangent_space(problem, base))
-    structure = leaves_structure(left, weighed.judgement.floor)
-    return not structure and not exceeds_noise(problem, base, weighed.input_errors)
+    if leaves_structure(left, weighed.judgement.floor):
+        return False
+    return weighed.left_by(base) <= REDRAWN_NOISE_RATIO * noise_in_air(problem, base)
 
 
 def _confirmed(

@@ -147,7 +147,7 @@ def _judged(
     pairs, ranked = needed_pairs(rank, left, ranked, library)
     weighed = weighed_errors(rank, ranked, pairs)
     judgement = judge(left, *weighed, rank.floor)
-    if judgement.verdict == "no_missing_effect" and exceeds_noise(problem, alone, rank.rows):
+    if judgement.verdict == "no_missing_effect" and _exceeds_noise(problem, alone, rank.rows):
         judgement = judge(left, *weighed, rank.floor, exceeds_noise=True)
     likes = [alike(problem, alone, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
@@ -190,7 +190,7 @@ def _may_rest_on_touches(found: Diagnosis, recording: Recording) -> bool:
     )
 
 
-def exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
+def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
     """Return whether the base's residual is far larger than any noise of this recording.
 
     Noise that free air shows is noise whatever its share of the force.
