@@ -145,7 +145,9 @@ def _refuse_other_lengths(name: str, columns: Mapping[str, Vector]) -> None:
     """Raise RecordingError where columns differ in length."""
     if len({column.size for column in columns.values()}) > 1:
         sizes = ", ".join(f"{role} {column.size}" for role, column in columns.items())
-        raise RecordingError(f"{name}: columns of different length: {sizes}")
+        raise RecordingError(
+            f"{name}: columns of different length: {sizes}; export all from one table"
+        )
 
 
 def last_known(surface: Vector) -> float | None:
@@ -180,7 +182,10 @@ def from_arrays(
     grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
     mask = _covered(grid, t, dt)
     if float(np.mean(mask)) < 0.5:
-        raise RecordingError(f"{name}: gaps make up more than half of the recording")
+        raise RecordingError(
+            f"{name}: gaps make up more than half of the recording; record again, or keep only a"
+            " part without them"
+        )
     gaps = stretches(mask == 0.0)
     return Recording(
         name,

@@ -55,7 +55,8 @@ def surface_of(recording: Recording) -> Surface:
     level = float(np.ptp(bulk(force)))
     if level < _SIGMAS * noise:
         raise RecordingError(
-            f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise"
+            f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise;"
+            " press harder, or name another column with --columns force=NAME"
         )
     _refuse_turned_force(recording.name, position, force, noise)
     found = onset(position, force, recording.dt)
@@ -181,7 +182,8 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
     if float(np.ptp(inside)) < 20.0 * noise:
         raise RecordingError(
             f"{recording.name}: no excitation: in contact the position moves by"
-            f" {float(np.ptp(inside)):.3g} {recording.units[0]} only, close to its noise"
+            f" {float(np.ptp(inside)):.3g} {recording.units[0]} only, close to its noise; press"
+            " deeper, or with a finer encoder"
         )
     free = recording.force[penetration < 0.0]
     if free.size < MIN_CONTACT_SAMPLES:
