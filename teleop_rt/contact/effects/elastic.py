@@ -32,6 +32,11 @@ def _levelling(
 
 
 @kernel
+def _cubic(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return float((x - eta[0]) ** 3)
+
+
+@kernel
 def _odd_power(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -184,12 +189,26 @@ EFFECTS = (
         family="stiffening",
         belongs_to="environment",
         stage="material",
+        amplitude=Amplitude("cubic_stiffness", "{f}/{x}^3"),
+        shapes=(_CENTRE,),
+        step=_cubic,
+        sentence="The stiffness changes by {cubic_stiffness} about {centre}.",
+        compensation="render",
+        only_in_contact=False,
+    ),
+    Effect(
+        name="nonlinear_stiffening",
+        law=f"{WITHOUT_CONTACT}, power",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
         amplitude=Amplitude("stiffening", "{f}/{x}^power"),
         shapes=(_CENTRE, Shape("power", "1", 1.3, 6.0, 3.0, points=4)),
         step=_odd_power,
         sentence="The stiffness changes about {centre}, with the power {power}.",
         compensation="render",
         only_in_contact=False,
+        extends=WITHOUT_CONTACT,
     ),
     Effect(
         name="second_layer",
