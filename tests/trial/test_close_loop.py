@@ -83,7 +83,7 @@ def test_a_hidden_effect_of_the_environment_is_found_estimated_and_felt(foam):
 
 def test_what_the_first_motion_leaves_open_is_asked_of_the_one_that_is_proposed(tmp_path):
     """A compliance between sensor and tip is all but a slow sensor, whatever the motion."""
-    compliance = "plant.undeclared=[{effect: series_compliance, compliance_m_per_N: 1.0e-4}]"
+    compliance = "plant.undeclared=[{effect: series_compliance, compliance_m_per_N: 0.8e-4}]"
     answer = closed(tmp_path, SHORT, compliance, library=ALIKE)
     second = answer["experiment"]
     left_open = second["left_open"]
