@@ -10,6 +10,7 @@ function dressed(text, dark) {
 }
 
 async function show() {
+  delete document.documentElement.dataset.shown;
   for (const place of document.querySelectorAll(".screen > div")) place.replaceChildren();
   const { documents, items } = JSON.parse(dressed(given, prefersDark.matches));
   await Bokeh.embed.embed_items(documents, items);
