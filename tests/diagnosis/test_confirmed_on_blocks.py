@@ -84,3 +84,16 @@ def test_noise_of_a_resonance_that_free_air_shows_is_nothing_missing(seed: int) 
     force += 0.02 * noise / np.std(noise)
     answer = diagnose(from_arrays("resonance", t, x, force)).answer
     assert (answer["verdict"], answer["class"]) == ("no_missing_effect", [])
+
+
+@pytest.mark.parametrize("seed", [1, 6, 7])
+def test_a_bias_that_free_air_alone_shows_is_confirmed(seed: int) -> None:
+    """In contact another surface takes its place, where the touches themselves are missing."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(4000) / 500.0
+    x = 1e-3 + 2.5e-3 * np.sin(2.0 * np.pi * 0.7 * t) + 8e-4 * np.sin(2.0 * np.pi * 1.9 * t)
+    force = np.where(x > 0.0, np.maximum(2500.0 * x + 6.0 * np.gradient(x, t), 0.0), 0.0) + 0.4
+    force += 0.02 * rng.standard_normal(t.size)
+    for touch in np.flatnonzero(np.diff(x > 0.0)).tolist():
+        force[max(touch - 15, 0) : touch + 15] = np.nan
+    assert diagnose(from_arrays("bias", t, x, force)).answer["class"] == [["force_bias"]]

@@ -69,26 +69,14 @@ def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
 
 def explained(unseen: HeldOut) -> float:
     """Return the share [at most 1] of the base's energy above the noise that is explained there."""
-    before, after = (square - unseen.noise**2 for square in _mean_squares(unseen))
-    return 1.0 - max(after, 0.0) / before if before > 0.0 else 1.0
-
-
-def lowers_the_error(unseen: HeldOut) -> bool:
-    """Return whether the prediction leaves less there than that of the base alone."""
-    before, after = _mean_squares(unseen)
-    return after < before or before == 0.0
-
-
-def _mean_squares(unseen: HeldOut) -> tuple[float, float]:
-    """Return the mean square [force^2] that base and prediction leave, 0 where nothing counts."""
     where = unseen.where > 0.0
     if not np.any(where):
-        return 0.0, 0.0
+        return 1.0
     before, after = (
-        float(np.mean((unseen.force - predicted)[where] ** 2))
+        float(np.mean((unseen.force - predicted)[where] ** 2)) - unseen.noise**2
         for predicted in (unseen.before, unseen.after)
     )
-    return before, after
+    return 1.0 - max(after, 0.0) / before if before > 0.0 else 1.0
 
 
 def defined(error: held_out.Error) -> held_out.Error:
