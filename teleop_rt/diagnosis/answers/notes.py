@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.held import HELD
 from teleop_rt.diagnosis.samples.preparation import Samples
-from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
+from teleop_rt.diagnosis.samples.rows import stretches
+from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
 from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
 
 STEPS_OF_MOTION = (
@@ -88,7 +90,24 @@ def notes_of(
         found.append(_RESTS_ON[samples])
     if moves_in_steps(recording.position, recording.force, recording.dt):
         found.append(STEPS_OF_MOTION)
+    elif half := half_window(recording.position, recording.dt, 2 if base.has_mass else 1):
+        found += _of_quick_motion(too_quick(recording.position, recording.dt, half), recording.dt)
     return found + _of_what_is_left(answer) + _of_errors(answer)
+
+
+def _of_quick_motion(quick: Vector, dt: float) -> list[str]:
+    """Return the note on moments left out, whose velocity the position does not show."""
+    moments = stretches(quick > 0.0)
+    if not moments:
+        return []
+    first, seconds = moments[0][0] * dt, dt * float(np.sum(quick))
+    return [
+        (
+            f"{seconds:.2g} s of the motion were left out ({len(moments)} moments, the first at"
+            f" {first:.2f} s): there the velocity changes faster than the encoder shows, as when a"
+            " limiter stops the tool; effects that act only there are not detected"
+        )
+    ]
 
 
 def _of_what_is_left(answer: dict[str, Any]) -> list[str]:

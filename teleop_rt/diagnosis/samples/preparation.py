@@ -33,6 +33,7 @@ from teleop_rt.diagnosis.samples.smoothing import (
     half_window,
     moves_in_steps,
     narrowest,
+    too_quick,
 )
 from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untouched, surface_of
 
@@ -100,6 +101,8 @@ def problem_of(
     # There the local polynomial looks to one side only, and its derivatives are a guess.
     mask = recording.mask.copy()
     mask[: 2 * half] = mask[-2 * half :] = 0.0
+    if not in_steps:
+        mask *= 1.0 - too_quick(recording.position, recording.dt, half)
     if base.touches and not fresh:
         mask[: _unknown_history(motion.x)] = 0.0
     mask *= 1.0 - outliers(recording.force, motion.x, noise, recording.dt)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.samples.filters import fast_length, local_polynomial
 from teleop_rt.diagnosis.samples.motion import SMOOTHING_ORDER, differentiate, position_noise
 from teleop_rt.diagnosis.samples.rows import quantisation_step
@@ -18,6 +19,8 @@ _NARROWER_S = (0.007, 0.005, 0.003)  # s: up to 360 Hz, for tools that follow st
 # 50 Hz of bandwidth down to 3: a machine of 0.1 Hz read at 100 Hz needs the widest.
 _WIDER_S = (0.030, 0.045, 0.070, 0.100, 0.150, 0.200, 0.300)
 NOISY_SPEED = 0.03  # of the speed's deviation; steps of the motion lose more than that
+_THROWN_SPEED = 0.2  # of the speed's deviation; usual motion recovers a tenth, limiters 0.4 to 0.8
+_LARGEST_QUICK_SHARE = 0.05  # of the samples; the base is fitted without them as well as with them
 _QUIET_SPEED = 0.01  # of the same: a wider window is of no use, no law's form is known better
 _LONGEST_WINDOW = 1.0 / 16.0  # of a recording: the edges of two windows are given up
 _FLOOR_OCTAVES = 4  # down from half the rate; the quietest of them holds the least movement
@@ -155,6 +158,33 @@ def lost_motion(
     slopes = (1j * np.append(0.0, omega)) ** np.arange(3)[:, None]
     found = np.fft.irfft(white * slopes[:, None, :], length)
     return np.asarray(found[..., : position.size], dtype=np.float64)
+
+
+def too_quick(position: Vector, dt: float, half: int) -> Vector:
+    """Return 1 where the window reaches a motion that is quicker than it, for a moment.
+
+    Half the window finds another velocity there, beyond the encoder noise. What a window removes
+    all along is noise (see `lost_motion`); a tool that a limiter throws back is no noise. Where
+    such moments take more than `_LARGEST_QUICK_SHARE` of the time they are the motion itself: all
+    samples are 0 then.
+    """
+    none, near = np.zeros(position.size), max(3, half // 2)
+    if near >= half:
+        return none
+    impulse = np.zeros(8 * half + 1)
+    impulse[4 * half] = 1.0
+    noise = position_noise(position, dt) * float(np.linalg.norm(_recovered(impulse, dt, half)))
+    speed = float(np.std(differentiate(position, dt, half)[1]))
+    quick = np.abs(_recovered(position, dt, half)) > max(SIGMAS * noise, _THROWN_SPEED * speed)
+    quick[: 2 * half] = quick[-2 * half :] = False  # there a window looks to one side only
+    reached = np.convolve(quick, np.ones(2 * half + 1), "same") > 0.5
+    return reached.astype(np.float64) if np.mean(reached) <= _LARGEST_QUICK_SHARE else none
+
+
+def _recovered(position: Vector, dt: float, half: int) -> Vector:
+    """Return the velocity that half the window finds and the window does not."""
+    near = differentiate(position, dt, max(3, half // 2))[1]
+    return np.asarray(near - differentiate(position, dt, half)[1])
 
 
 def narrowest(dt: float) -> int:
