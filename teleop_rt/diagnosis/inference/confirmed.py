@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -65,11 +66,9 @@ def judged(
 
     A later view must also leave less of the force: with a wrong surface an effect only mends that.
     """
-    first, *others = _views(recording, base, surface)
-    made = _judged(recording, *first, effects)
-    for view in others:
-        if not made.inconclusive:
-            break
+    views = _views(recording, base, surface)
+    made = _judged(recording, *next(views), effects)
+    while made.inconclusive and (view := next(views, None)) is not None:
         other = _judged(recording, *view, effects)
         better = other.found.left_by(other.found.predicts) < made.found.left_by(made.found.predicts)
         made = other if better and not other.inconclusive else made
@@ -78,20 +77,23 @@ def judged(
 
 def _views(
     recording: Recording, base: Base, surface: float | None
-) -> list[tuple[Base, float | Surface | None]]:
-    """Return the views of the contact, likeliest first, each a base and its surface.
+) -> Iterator[tuple[Base, float | Surface | None]]:
+    """Give the views of the contact, likeliest first, each a base and its surface.
 
     If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
     weight. A body that pulls only a little is taken for one that the tool leaves first.
     """
     stated: tuple[Base, float | Surface | None] = base, surface
+    held = bilateral(base) if base.touches else None
     if surface is not None or recording.surface is not None or not base.touches:
-        return [stated]
-    views, held = [stated], bilateral(base)
-    if held is not None and is_held(recording):
-        views.insert(0 if is_held(recording, SURE_PULL) else 1, (held, None))
-    hidden = surface_behind_weight(recording) if held not in {one for one, _ in views} else None
-    return views if hidden is None else [*views, (base, hidden)]
+        yield stated
+    elif held is not None and is_held(recording):
+        both = [stated, (held, None)]
+        yield from reversed(both) if is_held(recording, SURE_PULL) else both
+    else:
+        yield stated
+        if (hidden := surface_behind_weight(recording)) is not None:
+            yield base, hidden
 
 
 def _judged(

@@ -13,6 +13,7 @@ from teleop_rt.jit import kernel
 
 _WEAKEST = 1e-5  # of a row's length beyond the others; below it singular values decide
 _SWEEPS, _STILL = 10_000, 1e-12  # of a coordinate descent, and the step [of a range] that ends it
+_NO_ENERGY = 1e-300  # of a row
 _RANK = 1e-11  # of the largest singular value
 
 
@@ -124,15 +125,43 @@ def signed_least_squares(
 
 def signed_solution(products: Matrix, nonnegative: NDArray[np.bool_], weak: float = 0.0) -> Vector:
     """Return the same from the products of the rows with the rows and, last, with the target."""
-    scale = np.sqrt(products.diagonal())
-    live = scale > 1e-300
-    scale = np.where(live, scale, 1.0)
-    gram = products[:, :-1] / np.outer(scale, scale) + weak * np.eye(scale.size)
-    right = products[:, -1] / scale
-    theta = solution(gram, right)
-    if live.all() and not np.any(nonnegative & (theta < 0.0)):
-        return theta / scale
-    free: NDArray[np.bool_] = live.copy()
+    size = products.shape[0]
+    scale, factor, system = np.empty(size), np.empty((size, size)), np.empty((size, size + 1))
+    found = np.empty((size, 1))
+    if _solved_at_once(products, weak, scale, system, factor, found):
+        theta = found[:, 0]
+        if not np.any(nonnegative & (theta < 0.0)):
+            return theta / scale
+    return _by_active_set(system, scale, nonnegative)
+
+
+@kernel
+def _solved_at_once(
+    products: Matrix, weak: float, scale: Vector, system: Matrix, factor: Matrix, out: Matrix
+) -> bool:
+    """Scale the products to a `system` of rows of about unit length; return if it is solved.
+
+    A row without energy has the scale 0, and it is not solved then.
+    """
+    size, live = products.shape[0], True
+    for i in range(size):
+        scale[i] = math.sqrt(products[i, i]) if products[i, i] > _NO_ENERGY else 0.0
+        live = live and scale[i] > 0.0
+    for i in range(size):
+        mine = scale[i] if scale[i] > 0.0 else 1.0
+        for j in range(size):
+            system[i, j] = products[i, j] / (mine * (scale[j] if scale[j] > 0.0 else 1.0))
+        system[i, i] += weak
+        system[i, size] = out[i, 0] = products[i, size] / mine
+        for j in range(size):
+            factor[i, j] = system[i, j]
+    return live and _solve_by_cholesky(factor, out)
+
+
+def _by_active_set(system: Matrix, scale: Vector, nonnegative: NDArray[np.bool_]) -> Vector:
+    """Return the solution in which rows that would be negative are left out, one by one."""
+    gram, right, live = system[:, :-1], system[:, -1], scale > 0.0
+    theta, free = np.zeros(scale.size), live.copy()
     for _ in range(2 * theta.size):
         theta[:] = 0.0
         index = np.flatnonzero(free)
@@ -149,4 +178,4 @@ def signed_solution(products: Matrix, nonnegative: NDArray[np.bool_], weak: floa
         if not wants.any():
             break
         free[int(np.argmax(np.where(wants, pull, 0.0)))] = True
-    return np.asarray(theta / scale, dtype=np.float64)
+    return np.asarray(theta / np.where(live, scale, 1.0), dtype=np.float64)

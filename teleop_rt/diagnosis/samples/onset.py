@@ -9,7 +9,8 @@ import numpy as np
 from teleop_rt.contact import detection
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
-from teleop_rt.diagnosis.models.least_squares import least_squares
+from teleop_rt.diagnosis.models.least_squares import least_squares, signed_solution
+from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt.diagnosis.samples.smoothing import half_window
@@ -40,6 +41,7 @@ _DETECTED_SAMPLES = 3  # in a row above a force, or below it, that begin or end 
 _AIR_S = 0.02  # s, of free air before a contact that shows the surface
 _FEWEST_CONTACTS = 2  # whose places must agree: one alone may be that of a tip pulled in
 _LEAST_NOISE = 1e-4  # of the range of force or position; recordings without noise have some, too
+_ANY_SIGN = np.zeros(4, dtype=bool)
 MIN_CONTACT_SAMPLES = 100  # fewer determine neither a stiffness nor a surface
 
 
@@ -242,14 +244,42 @@ def _corner(position: Vector, speed: Vector, force: Vector) -> tuple[float, floa
     The fit includes a damper beyond the corner. Drift, friction and noise in free air have little
     influence on the corner.
     """
+    order = np.argsort(position)
+    x, v, f = (row[order] for row in (position, speed, force))
+    middle, level = float(np.mean(x)), float(np.mean(f))
+    corners = np.linspace(x[0], x[-1], _CORNER_GRID + 1)[1:-1]
+    before = np.searchsorted(x, corners, side="right")
     best, found = np.inf, (0.0, 0.0, 0.0)
-    for corner in np.linspace(np.min(position), np.max(position), _CORNER_GRID + 1)[1:-1]:
-        beyond = position > corner
-        offset = position - corner
-        lines = np.array([np.ones_like(force), np.where(beyond, 0.0, offset),
-                          np.where(beyond, offset, 0.0), np.where(beyond, speed, 0.0)])  # fmt: skip
-        theta = least_squares(lines, force)
-        left = float(np.sum((force - theta @ lines) ** 2))
+    sums = _running_sums(x - middle, v, f - level)
+    for corner, number in zip(corners.tolist(), before.tolist(), strict=True):
+        products = _products(corner - middle, sums[:, number], sums[:, -1] - sums[:, number])
+        theta = signed_solution(products, _ANY_SIGN)
+        left = -float(theta @ products[:, -1])  # beside the energy of the force, the same for all
         if left < best:
-            best, found = left, (float(corner), float(theta[1]), float(theta[2]))
+            best, found = left, (corner, float(theta[1]), float(theta[2]))
     return found
+
+
+def _running_sums(x: Vector, v: Vector, f: Vector) -> Matrix:
+    """Return the sums (9, samples + 1) of 1, x, x^2, f, x f, v, v^2, v x and v f up to a sample."""
+    rows = np.array([np.ones_like(x), x, x * x, f, x * f, v, v * v, v * x, v * f])
+    return np.concatenate((np.zeros((rows.shape[0], 1)), np.cumsum(rows, axis=1)), axis=1)
+
+
+def _products(corner: float, before: Vector, beyond: Vector) -> Matrix:
+    """Return the products of both lines and the damper with themselves and, last, with the force.
+
+    The lines run over the way from the corner, the second one and the damper beyond it alone; their
+    rows are 1, the first slope, the second slope and the damping.
+    """
+    n, x, xx, f, xf, v, vv, vx, vf = beyond
+    ways = [(m, a - corner * m, b - 2.0 * corner * a + corner**2 * m, g, h - corner * g)
+            for m, a, b, g, h in (before[:5], (n, x, xx, f, xf))]  # fmt: skip
+    (m, first, first_2, g, first_f), (n, second, second_2, f, second_f) = ways
+    damped = vx - corner * v
+    return np.array([
+        [m + n, first, second, v, g + f],
+        [first, first_2, 0.0, 0.0, first_f],
+        [second, 0.0, second_2, damped, second_f],
+        [v, 0.0, damped, vv, vf],
+    ])  # fmt: skip
