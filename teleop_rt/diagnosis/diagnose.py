@@ -120,6 +120,7 @@ def _add_notes(
     hints = (turned_sign(found.problem, found.base.model), other_base(found))
     answer["notes"] += [hint for hint in hints if hint is not None]
     answer["notes"] += notes_of(answer, model, base, recording, surface, made.weighed.samples)
+    answer["notes"] += made.signs
     times = [(start + n * recording.dt, start + m * recording.dt) for n, m in made.lost]
     answer["notes"] += [of_dropout(*pair) for pair in times]
     answer["gaps"]["count"] += len(made.lost)

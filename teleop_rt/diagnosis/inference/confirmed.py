@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -28,6 +28,7 @@ from teleop_rt.diagnosis.noise.noise_floor import (
     noise_floor,
     noise_in_air,
 )
+from teleop_rt.diagnosis.noise.not_noise import not_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -44,7 +45,8 @@ class Judged:
     """The judgement `found`, and what it was made from.
 
     `weighed` has the weights that follow the noise, `plain` equal weights on all frequencies;
-    `lost` are the dropouts of the force sensor, `blocks` the held-out blocks.
+    `lost` are the dropouts of the force sensor, `blocks` the held-out blocks, and `signs` the
+    properties of what is left that noise does not have.
     """
 
     weighed: Diagnosis
@@ -52,6 +54,7 @@ class Judged:
     found: Diagnosis
     lost: list[Stretch]
     blocks: Blocks
+    signs: Sequence[str] = ()
 
     @property
     def inconclusive(self) -> bool:
@@ -101,7 +104,7 @@ def _judged(
 ) -> Judged:
     weighed, errors, lost = in_rounds(partial(pose, recording, base, surface), recording, effects)
     if weighed.judgement.verdict == "no_missing_effect":
-        return _confirmed_on_blocks(weighed, weighed, weighed, lost)
+        return _nothing_missing(weighed, errors, lost)
     enter("confirming by an unweighted fit")
     found, plain = _confirmed(weighed, errors)
     if found is not None:
@@ -112,9 +115,18 @@ def _judged(
     made = _confirmed_on_blocks(weighed, found, found, lost)
     if made.found.judgement.verdict == "unexplained" and _leaves_noise(weighed):
         nothing = replace(weighed.judgement, verdict="no_missing_effect", sets=(), family=None)
-        weighed = replace(weighed, judgement=nothing)
-        return _confirmed_on_blocks(weighed, weighed, weighed, lost)
+        return _nothing_missing(replace(weighed, judgement=nothing), errors, lost)
     return made
+
+
+def _nothing_missing(
+    weighed: Diagnosis, errors: list[RecordedMotion], lost: list[Stretch]
+) -> Judged:
+    """Return the judgement that nothing is missing, "unexplained" if what is left is no noise."""
+    if signs := not_noise(weighed.problem, weighed.base, errors):
+        unexplained = replace(weighed.judgement, verdict="unexplained")
+        weighed = replace(weighed, judgement=unexplained)
+    return replace(_confirmed_on_blocks(weighed, weighed, weighed, lost), signs=signs)
 
 
 def _confirmed_on_blocks(

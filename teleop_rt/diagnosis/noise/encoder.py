@@ -134,22 +134,29 @@ def _rests(position: Vector, least: int) -> NDArray[np.intp]:
 
 def input_floor(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
     """Return the whitened force errors that encoder errors cause, one row per motion."""
-    return problem.whitener(_force_errors(problem, fit, errors))
+    return problem.whitener(force_errors(problem, fit, errors))
 
 
 def converter_floor(problem: Problem, fit: Fit, draws: int, seed: int = 7) -> Matrix:
-    """Return the whitened mean errors of the steps in which the force is read (draws x values).
+    """Return the whitened mean errors of the steps in which the force is read (draws x values)."""
+    if problem.force_step <= 0.0:
+        return np.zeros((draws, problem.target.size))
+    return problem.whitener(converter_errors(problem, fit, draws, seed))
+
+
+def converter_errors(problem: Problem, fit: Fit, draws: int, seed: int = 7) -> Matrix:
+    """Return the mean errors of the steps in which the force is read (draws x samples).
 
     Each draw shifts the grid of steps under the fit's force. Noise smaller than a step leaves an
     error that is the same at each visit to a force: a bias in free air, a ripple along the force.
     """
     step = problem.force_step
     if step <= 0.0:
-        return np.zeros((draws, problem.target.size))
+        return np.zeros((draws, problem.force.size))
     noise = before_steps(force_noise(problem.force, step), step)
     clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     shifts = np.random.default_rng(seed).uniform(-0.5, 0.5, draws) * step
-    return problem.whitener(np.array([mean_error(clean + s, step, noise) for s in shifts]))
+    return np.array([mean_error(clean + s, step, noise) for s in shifts])
 
 
 def errors_without_jumps(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
@@ -159,12 +166,13 @@ def errors_without_jumps(problem: Problem, fit: Fit, errors: list[RecordedMotion
     for one fit and not for another with its surface a step away. Such a jump is not typical of the
     recording and would exceed all other errors.
     """
-    rows = _force_errors(problem, fit, errors)
+    rows = force_errors(problem, fit, errors)
     most = _JUMP_RATIO * float(np.quantile(np.abs(rows), 0.99))
     return problem.whitener(np.clip(rows, -most, most))
 
 
-def _force_errors(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
+def force_errors(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
+    """Return the force errors that encoder errors cause through a model (motions x samples)."""
     clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     return np.array([force_of(fit.model, one, fit.zeta, fit.theta) - clean for one in errors])
 

@@ -121,12 +121,19 @@ class Whitener:
 
     def draws(self, number: int, seed: int = 5) -> Matrix:
         """Return whitened draws of this noise."""
+        return self(self._samples(self.density, number, seed))
+
+    def unknown_noise(self, number: int, seed: int = 5) -> Matrix:
+        """Return draws (number, samples) of this noise without the part that is `known`."""
+        return self._samples(np.maximum(self.density - self.known, 0.0), number, seed)
+
+    def _samples(self, density: Vector, number: int, seed: int) -> Matrix:
         rng = np.random.default_rng(seed)
         size = self.mask.size
         longer = 1 if self._slow is None else 2
-        colour = np.sqrt(slow.finer(self.density, size, longer) / size)
+        colour = np.sqrt(slow.finer(density, size, longer) / size)
         noise = rng.standard_normal((number, longer * size))
-        return self(self.level * np.fft.irfft(np.fft.rfft(noise) * colour, longer * size)[:, :size])
+        return self.level * np.fft.irfft(np.fft.rfft(noise) * colour, longer * size)[:, :size]
 
 
 def band_bins(samples: int, dt: float, edge_hz: float = BAND_HZ) -> int:

@@ -1,0 +1,109 @@
+"""Residuals that have the spectrum of noise, but not its other properties.
+
+A spectrum does not see phases. A force that depends on the place alone, a chatter that comes with
+slow motion, or a contact that is loose now and then passes for noise of that colour. Noise does not
+repeat where the tool passes again, does not wait for a speed, and is about Gaussian.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.noise.encoder import converter_errors, force_errors
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
+
+_PLACES = 400  # along the travel, at which the residual is compared with its own other half
+_FEWEST_PLACES = 30  # passed in both halves; of fewer a correlation says little
+_REPEATED = 0.7  # correlation of both halves: half of the variance repeats
+_SPEEDS = 6  # groups of samples, from the slowest to the fastest
+_LEVEL_RATIO = 3.0  # of deviations between groups, beyond that of noise; sensors' grow by less
+_FLATTEST = 1.8  # kurtosis of an even distribution; one of two levels has 1, Gaussian noise 3
+
+
+class Signature(NamedTuple):
+    """The properties that distinguish a residual from noise of its spectrum.
+
+    `repeats` is the correlation of its halves by place, `level_ratio` the largest deviation of a
+    group of speeds over the smallest, `flatness` the kurtosis.
+    """
+
+    repeats: float
+    level_ratio: float
+    flatness: float
+
+
+def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[str]:
+    """Return the properties of a residual that noise does not have, as sentences for the user.
+
+    They are compared with those of draws: noise of the same spectrum, and the errors of encoder
+    (`errors`, at least one) and converter through the fit.
+    """
+    used = problem.whitener.mask > 0.0
+    residual = problem.force - force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    seen = _signature(residual, problem.motion, used)
+    drawn = [_signature(row, problem.motion, used) for row in _draws(problem, fit, errors)]
+    repeats, level_ratio, flatness = (np.array(values) for values in zip(*drawn, strict=True))
+    found = []
+    if seen.repeats > max(_REPEATED, float(np.max(repeats))):
+        found.append(
+            "what the base leaves repeats with the position (correlation of both halves of the"
+            f" recording {seen.repeats:.2f}): a force along the travel that no effect describes,"
+            " such as a rough track or a drive's own; record its map, or draft a law for --effects"
+        )
+    if seen.level_ratio > _LEVEL_RATIO * float(np.max(level_ratio)):
+        found.append(
+            "what the base leaves looks like noise, but its level depends on the speed, by a factor"
+            f" of {seen.level_ratio:.2g}: chatter, stick-slip or vibration of the drive, no sensor"
+        )
+    if seen.flatness < min(_FLATTEST, float(np.min(flatness))):
+        found.append(
+            "what the base leaves looks like noise, but jumps between two levels: check plugs and"
+            " wires of the force sensor, and its mount for play"
+        )
+    return found
+
+
+def _draws(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Vector:
+    """Return residuals (draws, samples) as noise, encoder and converter alone leave them."""
+    rows = problem.whitener.unknown_noise(len(errors))
+    rows += force_errors(problem, fit, errors)
+    return np.asarray(rows + converter_errors(problem, fit, len(errors)))
+
+
+def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> Signature:
+    rest = row[used] - np.mean(row[used])
+    power = max(float(np.mean(rest**2)), 1e-300)
+    return Signature(
+        _repeats(rest, motion.x[used]),
+        _level_ratio(rest, np.abs(motion.v[used])),
+        float(np.mean(rest**4)) / power**2,
+    )
+
+
+def _repeats(rest: Vector, x: Vector) -> float:
+    """Return the correlation, over the places, of the means of the first and the second half."""
+    place = np.digitize(x, np.linspace(np.min(x), np.max(x), _PLACES + 1)[1:-1])
+    halves = np.array_split(np.arange(rest.size), 2)
+    sums = np.array([np.bincount(place[half], rest[half], _PLACES) for half in halves])
+    counts = np.array([np.bincount(place[half], minlength=_PLACES) for half in halves])
+    both = np.all(counts > 0, axis=0)
+    if np.count_nonzero(both) < _FEWEST_PLACES:
+        return 0.0
+    means = sums[:, both] / counts[:, both]
+    means -= np.mean(means, axis=1, keepdims=True)
+    first, second = means
+    scale = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(first @ second) / max(scale, 1e-300)
+
+
+def _level_ratio(rest: Vector, speed: Vector) -> float:
+    """Return the largest deviation of a group of speeds over the smallest."""
+    groups = np.array_split(rest[np.argsort(speed, kind="stable")], _SPEEDS)
+    levels = [float(np.sqrt(np.mean(group**2))) for group in groups]
+    return max(levels) / max(min(levels), 1e-300)

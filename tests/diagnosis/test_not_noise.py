@@ -1,0 +1,97 @@
+"""Forces that pass for noise by their spectrum, but repeat, wait for a speed, or jump."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+
+DT_S, STEP_M, NOISE_N = 0.002, 2e-7, 0.005
+_T = DT_S * np.arange(10_000)
+HELD = "spring,viscous,bias"
+Row = NDArray[np.float64]
+
+
+def _swung() -> tuple[Row, Row]:
+    """Return position and velocity of a body that is fixed to the tool."""
+    rates, sizes = (0.31, 0.83, 1.9), (1e-3, 6e-4, 2e-4)
+    terms = [(s, 2.0 * np.pi * f) for s, f in zip(sizes, rates, strict=True)]
+    x = sum(s * np.sin(w * _T + w) for s, w in terms)
+    v = sum(s * w * np.cos(w * _T + w) for s, w in terms)
+    return np.asarray(x), np.asarray(v)
+
+
+def _stepped(seed: int) -> tuple[Row, Row]:
+    """Return position and velocity of a tool that rests at one place after another."""
+    rng, at = np.random.default_rng(seed), 0.3
+    x, v = np.zeros(_T.size), np.zeros(_T.size)
+    while at < _T[-1] - 1.0:
+        way, time = rng.uniform(-6e-4, 6e-4), rng.uniform(0.1, 0.3)
+        u = np.clip((_T - at) / time, 0.0, 1.0)
+        x += way * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
+        v += way / time * (30.0 * u**2 - 60.0 * u**3 + 30.0 * u**4)
+        at += rng.uniform(0.3, 0.8)
+    return x, v
+
+
+def _recorded(moved: tuple[Row, Row], extra: Row, seed: int, force_step: float = 0.0) -> Recording:
+    x, v = moved
+    force = 2000.0 * x + 4.0 * v + extra
+    force += NOISE_N * np.random.default_rng(seed).standard_normal(_T.size)
+    if force_step:
+        force = force_step * np.round(force / force_step)
+    return from_arrays("made", _T, STEP_M * np.round(x / STEP_M), force)
+
+
+def _judged(recording: Recording) -> tuple[str, str]:
+    answer = diagnose(recording, HELD).answer
+    return answer["verdict"], " ".join(answer["notes"])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_rough_track_that_each_pass_meets_again_is_no_noise(seed: int) -> None:
+    x, v = _stepped(seed)
+    places = np.arange(np.min(x) - 1e-5, np.max(x) + 1e-5, 5e-6)
+    rough = np.interp(x, places, 0.1 * np.random.default_rng(seed).standard_normal(places.size))
+    verdict, notes = _judged(_recorded((x, v), rough, seed))
+    assert verdict == "unexplained"
+    assert "repeats with the position" in notes
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize(("size_N", "width"), [(0.05, 0.5), (0.1, 1.0)])
+def test_a_chatter_of_slow_motion_is_no_noise(seed: int, size_N: float, width: float) -> None:
+    x, v = _swung()
+    noise = np.random.default_rng(100 + seed).standard_normal(_T.size)
+    chatter = size_N * noise * np.exp(-((v / (width * np.std(v))) ** 2))
+    verdict, notes = _judged(_recorded((x, v), chatter, seed))
+    assert verdict == "unexplained"
+    assert "depends on the speed" in notes
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_a_force_that_jumps_between_two_levels_is_no_noise(seed: int) -> None:
+    flips = np.random.default_rng(100 + seed).random(_T.size) < 0.1
+    verdict, notes = _judged(_recorded(_swung(), 0.1 * (-1.0) ** np.cumsum(flips), seed))
+    assert verdict == "unexplained"
+    assert "jumps between two levels" in notes
+
+
+def _red(seed: int) -> Row:
+    noise = np.random.default_rng(seed).standard_normal(_T.size)
+    for i in range(1, noise.size):
+        noise[i] += 0.98 * noise[i - 1]
+    return 0.01 * noise
+
+
+@pytest.mark.parametrize("seed", [21, 22, 23])
+@pytest.mark.parametrize(
+    ("extra", "force_step"), [("white", 0.0), ("red", 0.0), ("coarse converter", 0.02)]
+)
+def test_noise_of_any_colour_is_noise(extra: str, force_step: float, seed: int) -> None:
+    added = _red(seed) if extra == "red" else np.zeros(_T.size)
+    moved = _swung() if seed % 2 else _stepped(seed)
+    assert _judged(_recorded(moved, added, seed, force_step))[0] == "no_missing_effect"
