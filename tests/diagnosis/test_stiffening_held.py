@@ -13,7 +13,7 @@ STIFFNESS_N_PER_M, VISCOUS_N_S_PER_M, STROKE_M, NOISE_N = 2500.0, 6.0, 4e-3, 0.0
 
 
 def held(seed: int, law: str, zero_m: float) -> Recording:
-    """Return 8 s of slow strokes of a spring: `even`, or with one of five laws that bend it."""
+    """Return 8 s of slow strokes of a spring: `even`, or with a law that bends it."""
     rng = np.random.default_rng(seed)
     t = DT_S * np.arange(SAMPLES)
     x, v = np.zeros((2, SAMPLES))
@@ -30,6 +30,10 @@ def held(seed: int, law: str, zero_m: float) -> Recording:
         pull *= 1.0 + 0.03 * np.expm1(2.4 * (x / STROKE_M) ** 2)
     elif law == "layers":
         pull += 900.0 * np.sign(x) * np.maximum(np.abs(x) - 0.45 * STROKE_M, 0.0)
+    elif law == "lump":
+        pull += 3e4 * np.maximum(x - 0.1 * STROKE_M, 0.0) ** 1.5
+    elif law == "taper":  # a dashpot that narrows along its stroke
+        pull += 1e6 * (x + STROKE_M) * v * np.abs(v)
     elif law == "stop":
         pull += 900.0 * np.maximum(x - 0.3 * STROKE_M, 0.0)
     force = pull + VISCOUS_N_S_PER_M * v + 0.7 + NOISE_N * rng.normal(size=SAMPLES)
@@ -54,6 +58,8 @@ def test_a_held_spring_that_hardens_is_named_stiffening(law: str, zero_m: float)
         ("rubber", "nonlinear_stiffening"),
         ("layers", "second_layer"),
         ("stop", "second_layer"),
+        ("lump", "second_layer"),
+        ("taper", "quadratic_damping"),
     ],
 )
 def test_no_ripple_stands_in_for_what_bends_a_held_spring(law: str, name: str) -> None:

@@ -59,6 +59,15 @@ def _beyond_on_both_sides(
 
 
 @kernel
+def _rounded_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    beside = x - eta[0]
+    further = max(abs(beside) - eta[1], 0.0) ** 1.5
+    return float(further if beside > 0.0 else -further)
+
+
+@kernel
 def _rounded_beyond(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -104,6 +113,13 @@ def _quadratic_with_depth(
 
 
 @kernel
+def _quadratic_along(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(max(x - eta[0], 0.0) * v * abs(v))
+
+
+@kernel
 def _damped_with_depth(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -115,6 +131,10 @@ def _damped_with_depth(
 _CENTRE = Shape("centre", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=9)
 _DAMPING_POWER = Shape("power", "1", 0.3, 3.0, 1.0, points=5)  # 0 is the base's own damping
 _LAYER_DEPTH = Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20)
+_LAYERS_APART = (
+    replace(_CENTRE, points=3),
+    Shape("depth", "{x}", 0.05, 2.9, 0.5, relative_to="travel", points=20),
+)
 # Damping over stiffness, which heat and damage lower alike.
 _DAMPING_TIME = Shape("damping_time", "s", 1e-3, 0.2, 1e-2, logarithmic=True, points=4)
 _LOSS_TIME = Shape(
@@ -241,14 +261,25 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
-        shapes=(
-            replace(_CENTRE, points=3),
-            Shape("depth", "{x}", 0.05, 2.9, 0.5, relative_to="travel", points=20),
-        ),
+        shapes=_LAYERS_APART,
         step=_beyond_on_both_sides,
         sentence="Beyond {depth} from {centre} a second layer adds {layer_stiffness}.",
         compensation="render",
         only_in_contact=False,
+    ),
+    Effect(
+        name="second_layer",
+        law=f"{WITHOUT_CONTACT}, rounded",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}^1.5", nonnegative=True),
+        shapes=_LAYERS_APART,
+        step=_rounded_on_both_sides,
+        sentence="Beyond {depth} from {centre} a rounded second layer adds {layer_stiffness}.",
+        compensation="render",
+        only_in_contact=False,
+        extends=WITHOUT_CONTACT,
     ),
     Effect(
         name="softening",
@@ -355,5 +386,20 @@ EFFECTS = (
         compensation="render",
         derivative_order=1,
         only_in_contact=False,
+    ),
+    Effect(
+        name="quadratic_damping",
+        law=f"{WITHOUT_CONTACT}, growing along the stroke",
+        family="damping",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^3", nonnegative=True),
+        shapes=(replace(_CENTRE, name="origin", points=5),),
+        step=_quadratic_along,
+        sentence="Damping grows from {origin} on, and with the square of the speed.",
+        compensation="render",
+        derivative_order=1,
+        only_in_contact=False,
+        extends=WITHOUT_CONTACT,
     ),
 )
