@@ -16,6 +16,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.converter import before_steps, mean_error
 from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import (
+    SMOOTHING_ORDER,
     RecordedMotion,
     differentiate,
     reading_noise,
@@ -73,11 +74,25 @@ def input_errors(
     for which in np.flatnonzero(evenly):
         both = zip(measured, found[which], plain, strict=True)
         found[which] = tuple(row + one - path for row, one, path in both)
-    drawn = [replace(motion, x=x, v=v, a=a) for x, v, a in found]
+    coarse_v, coarse_a = _between_samples(motion)
+    drawn = [replace(motion, x=x, v=v + coarse_v, a=a + coarse_a) for x, v, a in found]
     if not in_steps:
         return drawn
     return [_at_another_instant(one, motion, share) for one, share in
             zip(drawn, rng.uniform(-0.5, 0.5, len(drawn)), strict=True)]  # fmt: skip
+
+
+def _between_samples(motion: RecordedMotion) -> tuple[Vector, Vector]:
+    """Return what central differences of the samples make of velocity and acceleration.
+
+    How the tool moves between two samples is not recorded. The polynomial takes it to be smooth;
+    differences take another course, which a model's force must not depend on. Noise of the
+    differences is no part of it.
+    """
+    v = np.gradient(motion.x, motion.dt)
+    rows = np.array([v - motion.v, np.gradient(v, motion.dt) - motion.a])
+    coarse_v, coarse_a = local_polynomial(rows, motion.half, SMOOTHING_ORDER)
+    return coarse_v, coarse_a
 
 
 def _at_another_instant(

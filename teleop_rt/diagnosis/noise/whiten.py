@@ -23,6 +23,7 @@ _GROUPS = 120  # of bins, ever wider, by which a spectrum is compared
 _SUPPORTING_BINS = 8.0  # bins that determine the noise level; below them it is extrapolated
 _LOWEST_OCTAVE_BINS = 8  # bins of the lowest octave in which noise is bounded
 _LARGEST_DENSITY_RATIO = 4.0  # times the residual power of an octave that noise may have
+_LEAST_UNKNOWN = 1e-6  # of a density; encoder errors may be all of the noise
 _LOWEST_BIN = 0.25
 """The mean of a recording is attributed to two octaves below one period of it."""
 
@@ -125,7 +126,8 @@ class Whitener:
 
     def unknown_noise(self, number: int, seed: int = 5) -> Matrix:
         """Return draws (number, samples) of this noise without the part that is `known`."""
-        return self._samples(np.maximum(self.density - self.known, 0.0), number, seed)
+        unknown = np.maximum(self.density - self.known, _LEAST_UNKNOWN * self.density)
+        return self._samples(unknown, number, seed)
 
     def _samples(self, density: Vector, number: int, seed: int) -> Matrix:
         rng = np.random.default_rng(seed)
