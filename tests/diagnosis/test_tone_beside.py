@@ -47,3 +47,18 @@ def test_a_resonance_of_the_rig_in_the_noise_is_no_tone(seed: int) -> None:
     force += 0.03 * rng.standard_normal(t.size) + 0.05 * rings / np.std(rings)
     answer = diagnose(from_arrays("rings", t, x, force), surface=0.0).answer
     assert answer["verdict"] == "no_missing_effect"
+
+
+def test_a_resonance_that_leaks_through_the_gaps_of_touches_is_no_tone() -> None:
+    """Quick touches leave gaps, through which noise of a peak leaks as a tone of its frequency."""
+    dt, rng = 5e-3, np.random.default_rng(10)
+    t = dt * np.arange(7200)
+    phase = 2.0 * np.pi * (0.1 * t + 0.7 / 36.0 * t**2)
+    x = 1e-3 * np.sin(phase) + 3e-4
+    v = 1e-3 * np.cos(phase) * 2.0 * np.pi * (0.1 + 1.4 / 36.0 * t)
+    force = np.where(x > 0.0, np.maximum(3e4 * x + 120.0 * v, 0.0), 0.0)
+    ring = [1.0, -1.9 * np.cos(2.0 * np.pi * rng.uniform(0.1, 0.25)), 0.9025]
+    rings = scipy.signal.lfilter([1.0], ring, rng.standard_normal(t.size + 500))[500:]
+    force += 0.19 * rings / np.std(rings)
+    answer = diagnose(from_arrays("rings", t, 2e-7 * np.round(x / 2e-7), force), surface=0.0).answer
+    assert answer["verdict"] == "no_missing_effect"

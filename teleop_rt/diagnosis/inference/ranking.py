@@ -113,15 +113,21 @@ class Ranking:
 
         Red noise has more energy along slow directions, and a searched shape finds more of it: the
         mean of all directions counts then, at the level of the noise where the effect acts. Beside
-        a tone the residual itself shows it. `own` is the fit's tangent space.
+        a tone the residual itself shows it, and draws where noise of a resonance leaks through gaps
+        as the tone does. `own` is the fit's tangent space.
         """
         if (beside := noise_beside_tone(self.problem, fit)) is not None:
-            return max(beside, 1.0)
+            return max(beside, self._drawn_along(own))
         added = own.shape[1] - self._base_tangent_space.shape[1]
         if added < 1 or any(effect.shapes for effect in fit.model.effects):
             return left.noise_per_direction * self._louder_along(own)
-        noise = self.problem.flexible.noise
-        energy = np.sum((noise @ own) ** 2) - np.sum((noise @ self._base_tangent_space) ** 2)
+        return self._drawn_along(own)
+
+    def _drawn_along(self, own: Matrix) -> float:
+        """Return the mean energy of draws of noise in each added direction; at least 1."""
+        noise, base = self.problem.flexible.noise, self._base_tangent_space
+        added = max(own.shape[1] - base.shape[1], 1)
+        energy = np.sum((noise @ own) ** 2) - np.sum((noise @ base) ** 2)
         return float(max(energy / (added * len(noise)), 1.0))
 
     def _louder_along(self, own: Matrix) -> float:
