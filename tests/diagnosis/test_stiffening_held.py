@@ -34,8 +34,6 @@ def held(seed: int, law: str, zero_m: float) -> Recording:
         pull += 3e4 * np.maximum(x - 0.1 * STROKE_M, 0.0) ** 1.5
     elif law == "taper":  # a dashpot that narrows along its stroke
         pull += 1e6 * (x + STROKE_M) * v * np.abs(v)
-    elif law == "tired":
-        pull *= 1.0 - 0.3 * (1.0 - np.exp(-t / 2.0))
     elif law == "stop":
         pull += 900.0 * np.maximum(x - 0.3 * STROKE_M, 0.0)
     force = pull + VISCOUS_N_S_PER_M * v + 0.7 + NOISE_N * rng.normal(size=SAMPLES)
@@ -62,10 +60,9 @@ def test_a_held_spring_that_hardens_is_named_stiffening(law: str, zero_m: float)
         ("stop", "second_layer"),
         ("lump", "second_layer"),
         ("taper", "quadratic_damping"),
-        ("tired", "softening"),
     ],
 )
-def test_a_held_body_gets_the_name_of_its_law(law: str, name: str) -> None:
+def test_no_ripple_stands_in_for_what_bends_a_held_spring(law: str, name: str) -> None:
     answer = diagnose(held(13, law, -0.02), "spring,viscous,bias").answer
     assert answer["class"] == [[name]]
     # A power is not quite the exponential of a square.

@@ -82,13 +82,6 @@ def _weakened(
 
 
 @kernel
-def _weakened_about(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    return float((eta[1] - x) * (1.0 - exp(-t / eta[0])))
-
-
-@kernel
 def _weakened_alike(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -298,19 +291,6 @@ EFFECTS = (
         step=_weakened,
         sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
         compensation="render",
-    ),
-    Effect(
-        name="softening",
-        law=WITHOUT_CONTACT,
-        family="drift",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
-        shapes=(_LOSS_TIME, replace(_CENTRE, points=3)),
-        step=_weakened_about,
-        sentence="Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}.",
-        compensation="render",
-        only_in_contact=False,
     ),
     Effect(
         name="softening",
