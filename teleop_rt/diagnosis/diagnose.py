@@ -29,9 +29,8 @@ from teleop_rt.diagnosis.noise.structure import pressed_all_along
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.preparation import pose_again
-from teleop_rt.diagnosis.samples.rows import OUTLIERS, force_noise
-from teleop_rt.diagnosis.samples.rows import outliers as isolated
+from teleop_rt.diagnosis.samples.preparation import lone_samples, pose_again
+from teleop_rt.diagnosis.samples.rows import OUTLIERS
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 
@@ -71,8 +70,7 @@ def diagnose(
         answer["instruments"] = estimated
     if not moves_in_steps(recording.position, recording.force, recording.dt):
         # Each step may leave a lone sample.
-        noise = force_noise(recording.force, recording.force_step)
-        lone = isolated(recording.force, problem.motion.x, noise, recording.dt)
+        lone = lone_samples(recording, problem, found.base)
         outliers.add_to(answer, lone, problem.motion)
     if judgement.verdict == "class":
         enter("choosing the motion that decides")

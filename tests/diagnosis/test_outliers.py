@@ -7,6 +7,8 @@ import pytest
 import scipy
 
 from teleop_rt.diagnosis.answers.outliers import chance_of_one_source, effect_of, of_motion
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.rows import force_noise, lone, outliers
 
@@ -118,3 +120,19 @@ def test_every_slip_in_a_long_recording_is_seen_wherever_it_lies() -> None:
 def test_a_row_without_two_neighbours_on_either_side_has_no_slip() -> None:
     assert not lone(np.array([0.0, 0.0, 9.0, 0.0])).any()
     assert lone(np.array([0.0, 0.0, 9.0, 0.0, 0.0])).tolist() == [False, False, True, False, False]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_outliers_in_a_quick_force_and_side_by_side_are_all_left_out(seed: int) -> None:
+    dt, rng = 4e-3, np.random.default_rng(seed)
+    t = dt * np.arange(3500)
+    phase = 2.0 * np.pi * (0.2 * t + 0.5 * 3.0 / 14.0 * t**2)  # to 3 Hz
+    x = 6e-4 * np.sin(phase) + 3e-4
+    v = 6e-4 * np.cos(phase) * 2.0 * np.pi * (0.2 + 3.0 / 14.0 * t)
+    force = np.where(x > 0.0, np.maximum(1.46e4 * x + 60.0 * v, 0.0), 0.0)
+    force += 0.05 * rng.standard_normal(t.size)
+    alone = rng.choice(np.arange(20, t.size - 20, 12), 30, replace=False)
+    alone = np.concatenate((alone, alone[:4] + 5))  # four pairs close together
+    force[alone] += rng.choice([-1.0, 1.0], alone.size) * rng.uniform(4.0, 8.0, alone.size)
+    answer = diagnose(from_arrays("made", t, 1e-6 * np.round(x / 1e-6), force), surface=0.0).answer
+    assert answer["class"] == [["outliers"]]

@@ -41,7 +41,7 @@ from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import beginning, touches
 from teleop_rt.diagnosis.samples.dropouts import dropouts, without
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, resolution_step
-from teleop_rt.diagnosis.samples.preparation import Samples, without_edges
+from teleop_rt.diagnosis.samples.preparation import Samples, without_edges, without_lone_samples
 from teleop_rt.diagnosis.samples.rows import Stretch
 from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 
@@ -127,6 +127,7 @@ def _judged(
     library = applicable(effects, recording, model, pressed=pressed_all_along(problem))
     alone = fit_base(problem, model)
     problem = without_edges(problem, [alone.model.shift(alone.zeta)])
+    problem = without_lone_samples(recording, problem, alone)
     fast, alone = problem, fit_base(problem, model, alone)
     refuse_wrong_units(recording, _stiffness(alone))
     errors = input_errors(problem.motion, recording)

@@ -14,10 +14,12 @@ from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps
 from teleop_rt.diagnosis.samples import steps
 from teleop_rt.diagnosis.samples.converter import without_steps
+from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
 from teleop_rt.diagnosis.samples.onset import Surface
@@ -43,6 +45,8 @@ _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impac
 _IMPACT_SAMPLES = 3  # left out on either side: filters of the sensor spread an impact
 _FADING_PART = 5  # part of a recording (a fifth) in which memories of earlier contact fade
 _FEWEST_OF_A_CUBIC = 2  # samples on either side that determine a cubic
+_ABOUT_OUTLIER = 11  # samples, most of them in use: beside a touch a residual has jumps of its own
+_FEWEST_OUTLIERS = 3  # that the force shows; fewer may be chance
 UNPRESSED = 0.01  # of the largest penetration; below it the body is not yet pressed
 
 
@@ -176,6 +180,31 @@ def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
         mask[np.abs(x) < SIGMAS * problem.resolution] = 0.0
         for crossed in np.flatnonzero(np.diff(touches(x))) + 1:
             mask[max(crossed - about, 0) : crossed + about] = 0.0
+    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+
+
+def lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Vector:
+    """Return 1 for the outliers of the force, and for those that stand out of a fit's residual.
+
+    A quick force hides some, as does another one close by. They are searched only where the force
+    itself shows others: without any, what stands out of a residual is an impact, or an effect.
+    """
+    motion, dt, force = problem.motion, problem.motion.dt, recording.force
+    noise = force_noise(force, recording.force_step)
+    seen = outliers(force, motion.x, noise, dt)
+    by_steps = recording.force_step > noise  # then a residual is made of single readings
+    if by_steps or len(stretches(seen > 0.0)) < _FEWEST_OUTLIERS:
+        return seen
+    residual = force - force_of(fit.model, motion, fit.zeta, fit.theta)
+    places, good = np.arange(residual.size), seen == 0.0
+    beside = np.interp(places, places[good], residual[good])
+    used = running_rank(problem.whitener.mask, _ABOUT_OUTLIER, 0.5) > 0.0
+    return np.maximum(seen, outliers(beside, motion.x, noise, dt) * used)
+
+
+def without_lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Problem:
+    """Return the problem without the outliers that it has beside a fit."""
+    mask = problem.whitener.mask * (1.0 - lone_samples(recording, problem, fit))
     return replace(problem, whitener=replace(problem.whitener, mask=mask))
 
 
