@@ -146,7 +146,7 @@ def test_the_readme_shows_what_the_default_trial_prints(default_run):
     _, summary = default_run
     printed = io.StringIO()
     print_summary(Console(file=printed, width=1000), summary, silicone().rig.units)
-    shown = README.read_text().partition("It prints:\n\n```\n")[2].partition("\nfiles in")[0]
+    shown = README.read_text().partition("it prints:\n\n```\n")[2].partition("\nfiles in")[0]
     lines = [line.rstrip() for line in printed.getvalue().splitlines()]
     for expected, line in zip(shown.splitlines(), lines, strict=True):
         wanted, cut, _ = expected.rstrip().partition("[...]")
