@@ -99,7 +99,10 @@ class PhantomWatch:
     def update(self, slave: StateMessage, wall: Wall) -> float | None:
         """Return the depth to which the wall is to be withdrawn, or None; one call per state."""
         free = min(slave.position, slave.verified_free)
-        if slave.in_contact or wall.bilateral or wall.elastic_force(free) < self._noticeable_force:
+        force = wall.elastic_force(free)
+        # Below its onset force a contact is not yet seen; a force as the wall's is no free space.
+        touched = slave.in_contact or slave.force >= force + min(wall.b * slave.velocity, 0.0)
+        if touched or wall.bilateral or force < self._noticeable_force:
             self._count = 0
             return None
         self._depth = free if self._count == 0 else min(self._depth, free)

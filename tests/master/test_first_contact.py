@@ -209,6 +209,16 @@ def free_at(position: float, *, in_contact: bool = False) -> StateMessage:
     return StateMessage(position, 0.0, 1, in_contact=in_contact, verified_free=position)
 
 
+@pytest.mark.parametrize("velocity", [0.04, 0.0, -0.04])
+def test_a_tool_that_is_pushed_as_by_the_wall_is_not_free(velocity: float) -> None:
+    """Below the contact's onset force a slave that is inside the wall reports no contact."""
+    watch, wall = PhantomWatch(2.0), Wall(0.0, 2500.0, 15.0)
+    state = free_at(0.001)._replace(force=2.5 + 15.0 * velocity, velocity=velocity)
+    assert all(watch.update(state, wall) is None for _ in range(100))
+    lighter = state._replace(force=0.5)  # a phantom: less than the wall by more than its damping
+    assert [watch.update(lighter, wall) for _ in range(PHANTOM_STATES)][-1] == 0.001
+
+
 def test_only_lasting_and_noticeable_free_space_withdraws_a_wall() -> None:
     watch, wall = PhantomWatch(5.0), Wall(0.0, 3600.0)
     for state in (free_at(-0.01), free_at(0.001), free_at(0.01, in_contact=True)):
