@@ -5,6 +5,7 @@ from __future__ import annotations
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import (
     adhesion,
+    damping,
     elastic,
     friction,
     hysteresis,
@@ -18,6 +19,7 @@ from teleop_rt.contact.effects import (
 LIBRARY: tuple[Effect, ...] = (
     *kinematics.EFFECTS,
     *elastic.EFFECTS,
+    *damping.EFFECTS,
     *relaxation.EFFECTS,
     *hysteresis.EFFECTS,
     *adhesion.EFFECTS,

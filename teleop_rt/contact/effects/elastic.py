@@ -98,42 +98,25 @@ def _weakened_by_load(
     return float(-max(x + eta[1] * v, 0.0) * eta[0] * (1.0 - exp(-state[0] / eta[0])))
 
 
-@kernel
-def _quadratic(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    return v * abs(v)
-
-
-@kernel
-def _quadratic_with_depth(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    return max(x, 0.0) * v * abs(v)
-
-
-@kernel
-def _quadratic_along(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    return float(max(x - eta[0], 0.0) * v * abs(v))
-
-
-@kernel
-def _damped_with_depth(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    return float(max(x, 0.0) ** eta[0] * v)
-
-
 # From beyond the stroke a power is one of a spring that only stiffens inwards. Of an odd number of
 # places one is the middle, about which a held body is most often alike on both sides.
 _CENTRE = Shape("centre", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=9)
-_DAMPING_POWER = Shape("power", "1", 0.3, 3.0, 1.0, points=5)  # 0 is the base's own damping
 _LAYER_DEPTH = Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20)
-_LAYERS_APART = (
-    replace(_CENTRE, points=3),
-    Shape("depth", "{x}", 0.05, 2.9, 0.5, relative_to="travel", points=20),
+_HELD_LAYER = Effect(
+    name="second_layer",
+    law=WITHOUT_CONTACT,  # from beyond the stroke on one side alone
+    family="stiffening",
+    belongs_to="environment",
+    stage="material",
+    amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
+    shapes=(
+        replace(_CENTRE, points=3),
+        Shape("depth", "{x}", 0.05, 2.9, 0.5, relative_to="travel", points=20),
+    ),
+    step=_beyond_on_both_sides,
+    sentence="Beyond {depth} from {centre} a second layer adds {layer_stiffness}.",
+    compensation="render",
+    only_in_contact=False,
 )
 # Damping over stiffness, which heat and damage lower alike.
 _DAMPING_TIME = Shape("damping_time", "s", 1e-3, 0.2, 1e-2, logarithmic=True, points=4)
@@ -254,31 +237,13 @@ EFFECTS = (
         compensation="render",
         extends="",
     ),
-    Effect(
-        name="second_layer",
-        law=WITHOUT_CONTACT,  # from beyond the stroke on one side alone
-        family="stiffening",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
-        shapes=_LAYERS_APART,
-        step=_beyond_on_both_sides,
-        sentence="Beyond {depth} from {centre} a second layer adds {layer_stiffness}.",
-        compensation="render",
-        only_in_contact=False,
-    ),
-    Effect(
-        name="second_layer",
+    _HELD_LAYER,
+    replace(
+        _HELD_LAYER,
         law=f"{WITHOUT_CONTACT}, rounded",
-        family="stiffening",
-        belongs_to="environment",
-        stage="material",
         amplitude=Amplitude("layer_stiffness", "{f}/{x}^1.5", nonnegative=True),
-        shapes=_LAYERS_APART,
         step=_rounded_on_both_sides,
         sentence="Beyond {depth} from {centre} a rounded second layer adds {layer_stiffness}.",
-        compensation="render",
-        only_in_contact=False,
         extends=WITHOUT_CONTACT,
     ),
     Effect(
@@ -337,69 +302,5 @@ EFFECTS = (
         ),
         compensation="render",
         derivative_order=1,
-    ),
-    Effect(
-        name="hunt_crossley",  # Hunt and Crossley 1975, the damping (2.4) beside any spring
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("damping", "{f} s/{x}^(power+1)", nonnegative=True),
-        shapes=(_DAMPING_POWER,),
-        step=_damped_with_depth,
-        sentence="Damping grows with the depth, with the power {power} (Hunt and Crossley).",
-        compensation="render",
-        derivative_order=1,
-    ),
-    Effect(
-        name="quadratic_damping",
-        law="plain",
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^2", nonnegative=True),
-        step=_quadratic,
-        sentence="Damping grows with the square of the speed: {quadratic_damping}.",
-        compensation="render",
-        derivative_order=1,
-    ),
-    Effect(
-        name="quadratic_damping",
-        law="growing with depth",
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^3", nonnegative=True),
-        step=_quadratic_with_depth,
-        sentence="Damping grows with depth and the square of the speed: {quadratic_damping}.",
-        compensation="render",
-        derivative_order=1,
-    ),
-    Effect(
-        name="quadratic_damping",
-        law=WITHOUT_CONTACT,
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^2", nonnegative=True),
-        step=_quadratic,
-        sentence="Damping grows with the square of the speed: {quadratic_damping}.",
-        compensation="render",
-        derivative_order=1,
-        only_in_contact=False,
-    ),
-    Effect(
-        name="quadratic_damping",
-        law=f"{WITHOUT_CONTACT}, growing along the stroke",
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^3", nonnegative=True),
-        shapes=(replace(_CENTRE, name="origin", points=5),),
-        step=_quadratic_along,
-        sentence="Damping grows from {origin} on, and with the square of the speed.",
-        compensation="render",
-        derivative_order=1,
-        only_in_contact=False,
-        extends=WITHOUT_CONTACT,
     ),
 )

@@ -90,7 +90,8 @@ def notes_of(
         found.append(_RESTS_ON[samples])
     if moves_in_steps(recording.position, recording.force, recording.dt):
         found.append(STEPS_OF_MOTION)
-    elif half := half_window(recording.position, recording.dt, 2 if base.has_mass else 1):
+    else:
+        half = half_window(recording.position, recording.dt, 2 if base.has_mass else 1)
         found += _of_quick_motion(too_quick(recording.position, recording.dt, half), recording.dt)
     return found + _of_what_is_left(answer) + _of_errors(answer)
 

@@ -173,18 +173,19 @@ def too_quick(position: Vector, dt: float, half: int) -> Vector:
         return none
     impulse = np.zeros(8 * half + 1)
     impulse[4 * half] = 1.0
-    noise = position_noise(position, dt) * float(np.linalg.norm(_recovered(impulse, dt, half)))
+    found, by_noise = (_recovered(row, dt, half, near) for row in (position, impulse))
+    noise = position_noise(position, dt) * float(np.linalg.norm(by_noise))
     speed = float(np.std(differentiate(position, dt, half)[1]))
-    quick = np.abs(_recovered(position, dt, half)) > max(SIGMAS * noise, _THROWN_SPEED * speed)
+    quick = np.abs(found) > max(SIGMAS * noise, _THROWN_SPEED * speed)
     quick[: 2 * half] = quick[-2 * half :] = False  # there a window looks to one side only
     reached = np.convolve(quick, np.ones(2 * half + 1), "same") > 0.5
     return reached.astype(np.float64) if np.mean(reached) <= _LARGEST_QUICK_SHARE else none
 
 
-def _recovered(position: Vector, dt: float, half: int) -> Vector:
-    """Return the velocity that half the window finds and the window does not."""
-    near = differentiate(position, dt, max(3, half // 2))[1]
-    return np.asarray(near - differentiate(position, dt, half)[1])
+def _recovered(position: Vector, dt: float, half: int, near: int) -> Vector:
+    """Return the velocity that the window of `near` finds and the one of `half` does not."""
+    wide, narrow = (differentiate(position, dt, each)[1] for each in (half, near))
+    return np.asarray(narrow - wide)
 
 
 def narrowest(dt: float) -> int:
