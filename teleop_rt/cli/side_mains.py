@@ -75,7 +75,8 @@ def _rounds(
             if configs.before is None:
                 raise
             configs.refused(str(error))
-            print(f"the reloaded config was refused, the one before runs: {error}", file=sys.stderr)
+            refused = f"the reloaded config was refused, the one before runs: {error}"
+            print(f"{refused}: correct the file and reload again", file=sys.stderr)
             continue
         if not end.again:
             return end

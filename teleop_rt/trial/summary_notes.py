@@ -50,7 +50,8 @@ def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     if refused := (outcome["link"].get("master") or {}).get("rejected"):
         notes.append(f"the master refused {refused} packets: see link.master in summary.json")
     if (late := outcome.get("master_late")) is not None and late["stop"] is not None:
-        notes.append(f"the master was late, and stopped the device if there is one: {cause(late)}")
+        stopped = f"the master was late, and stopped the device if there is one: {cause(late)}"
+        notes.append(f"{stopped}; `teleop-rt doctor` measures the machine")
     rendering = outcome["rendering"] or {}
     for key, what in _UNCOUPLED:
         if count := rendering.get("engagement", {}).get(key):
@@ -66,12 +67,14 @@ def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     if rendering.get("state") == "WAITING" and not rendering.get("engagement", {}).get(
         "engagements"
     ):
-        notes.append("the master never engaged: nothing was rendered")
+        notes.append(
+            "the master never engaged: nothing was rendered; log.jsonl lists states and link"
+        )
     error = selected_nrmse({"estimators": replayed.estimators, "selected": replayed.selected})
     if error is not None and error > POOR_NRMSE:
         notes.append(
             f"the selected model misses the force by {100 * error:.0f} % of its range: "
-            "do not trust its parameters"
+            "do not trust its parameters; teleop-rt diagnose names what it lacks"
         )
     return notes
 
@@ -84,9 +87,11 @@ def _of_handle(handle: Mapping[str, Any] | None) -> list[str]:
     if (fault := handle["fault"])["code"]:
         notes.append(f"{fault['name']}: {fault['cause']}; {fault['next_step']}")
     if count := handle["softenings"]:
-        notes.append(f"the operator's device oscillated: walls were rendered softer {count} times")
+        softer = f"the operator's device oscillated: walls were rendered softer {count} times"
+        notes.append(f"{softer}; teleop-rt calibrate device measures its damping and latency")
     if handle["leash_slipped"]:
-        notes.append("the hand pushed through the leash: it led the slave by more than leash_mm")
+        led = "the hand pushed through the leash: it led the slave by more than leash_mm"
+        notes.append(f"{led}; approach more slowly where nobody has been")
     return notes
 
 

@@ -149,7 +149,7 @@ def test_what_a_drive_lacks_is_left_out_and_its_limits_are_kept(tmp_path, call):
     file = tmp_path / "rig.yaml"
     code, out, err = call("new-rig", file, *CANOPEN, "--eds", tmp_path / "other.eds")
     assert code == 0, err
-    assert "0x605A is left out: this drive has none" in out
+    assert "0x605A is left out: this drive has no such entry" in out
     assert "0x6085 is its largest, 1000" in out
     drive = registry.parts_of(load_rig(file, registry.AXIS_SCHEMAS).axis)["bus"].drive
     assert drive.setup == {"0x6007": 3, "0x6085": 1000}

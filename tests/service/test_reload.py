@@ -80,7 +80,8 @@ def test_a_config_that_is_refused_before_its_loop_gives_way_to_the_one_before(ro
     rounds.run()
     assert rounds.given[:2] == [None, None]
     assert rounds.given[2] is rounds.ran[0]
-    assert "was refused, the one before runs: no answer from the encoder" in capsys.readouterr().err
+    refused = "was refused, the one before runs: no answer from the encoder"
+    assert f"{refused}: correct the file and reload again" in capsys.readouterr().err
 
 
 def test_what_any_part_refuses_before_the_loop_gives_way_to_the_one_before(rounds):

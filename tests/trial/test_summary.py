@@ -32,6 +32,9 @@ def test_nothing_is_noted_of_a_run_in_good_order():
     assert summary_notes.notes_of(outcome(), replayed()) == []
 
 
+HANDLE = {"fault": {"code": 0}, "softenings": 0, "leash_slipped": False}
+
+
 @pytest.mark.parametrize(
     ("changes", "nrmse", "words"),
     [
@@ -44,8 +47,23 @@ def test_nothing_is_noted_of_a_run_in_good_order():
             "recorder ended unexpectedly 2 times",
         ),
         ({"link": {"master": {"rejected": 9}}}, 0.01, "refused 9"),
-        ({"rendering": {"state": "WAITING"}}, 0.01, "never engaged"),
+        (
+            {"rendering": {"state": "WAITING"}},
+            0.01,
+            "never engaged: nothing was rendered; log.jsonl lists",
+        ),
         ({}, 0.36, "misses the force by 36 %"),
+        ({}, 0.36, "do not trust its parameters; teleop-rt diagnose names"),
+        (
+            {"rendering": {"handle": HANDLE | {"softenings": 2}}},
+            0.01,
+            "2 times; teleop-rt calibrate device",
+        ),
+        (
+            {"rendering": {"handle": HANDLE | {"leash_slipped": True}}},
+            0.01,
+            "; approach more slowly",
+        ),
     ],
 )
 def test_what_spoils_the_figures_is_noted(changes, nrmse, words):

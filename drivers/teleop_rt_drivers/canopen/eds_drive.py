@@ -157,11 +157,11 @@ def _setup(dictionary: ObjectDictionary, wanted: dict[str, int]) -> tuple[str, l
     for entry, value in wanted.items():
         found = _variable(dictionary, entry)
         if found is None:
-            notes.append(f"setup: {entry} is left out: this drive has none")
+            notes.append(f"setup: {entry} is left out: this drive has no such entry")
             continue
         most = value if found.max is None else found.max
         if value > most:
-            notes.append(f"setup: {entry} is its largest, {most}: {value} was wanted")
+            notes.append(f"setup: {entry} is its largest, {most}; the preset has {value}")
         kept.append(f'"{entry}": {min(value, most)}')
     return ", ".join(kept), notes
 
