@@ -71,6 +71,7 @@ class WallIntake:
         self._met, self._free_to = 0, -math.inf
         self.rhythm.reset()
         self._pressed = False
+        self._moves_since = math.inf
 
     def take(
         self,
@@ -108,15 +109,21 @@ class WallIntake:
         wall = None if checked is None or terms is None else wall_of(checked, terms)
         if wall is None:
             return
-        wall = self._as_it_is(wall, one_way_s, now_s)
+        seen_s = self._seen_moving_s(wall, model.time_s)
+        wall = self._as_it_is(wall, one_way_s, seen_s, now_s)
         if wall.surface < self._free_to and wall.surface_velocity == 0.0:
             wall = replace(wall, surface=self._free_to)
         if self._adopt(wall, hand):
             self.acknowledged = max(self.acknowledged, model.contact_id)
 
-    def _as_it_is(self, wall: Wall, one_way_s: float, now_s: float | None) -> Wall:
-        """Return a wall whose surface has moved on since it was seen: in its rhythm or straight."""
-        line = wall.moved(one_way_s)
+    def _as_it_is(self, wall: Wall, one_way_s: float, seen_s: float, now_s: float | None) -> Wall:
+        """Return a wall whose surface has moved on since it was seen: in its rhythm or straight.
+
+        A straight motion is continued for the `seen_s` that it has been seen, at most: a tracker
+        that takes a stiffening for a fast surface, for some hundredths of a second, would otherwise
+        put the wall centimetres away on a long link.
+        """
+        line = wall.moved(min(one_way_s, seen_s))
         if now_s is None:
             return line
         felt = self._pressed and wall.surface_velocity != 0.0
@@ -126,6 +133,12 @@ class WallIntake:
         if now is None:
             return line
         return replace(line, surface=now.surface, surface_velocity=now.velocity)
+
+    def _seen_moving_s(self, wall: Wall, time_s: float) -> float:
+        """Return for how long the slave has reported by `time_s`, its own, that the wall moves."""
+        still = wall.surface_velocity == 0.0
+        self._moves_since = math.inf if still else min(self._moves_since, time_s)
+        return max(0.0, time_s - self._moves_since)
 
     def _take_state(self, state: StateMessage, hand: float, one_way_s: float) -> None:
         adoption = self._adoption

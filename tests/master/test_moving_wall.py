@@ -109,9 +109,26 @@ def test_a_surface_is_rendered_where_it_is_now_not_where_it_was(streamed: bool) 
         if slave.contact_id and tick > 1500:
             slave.model = ModelMessage(
                 "kelvin-voigt", tick, slave.contact_id, slave.surface, k=3600.0, b=20.0,
-                surface_velocity=velocity if streamed else 0.0,
+                surface_velocity=velocity if streamed else 0.0, time_s=T * tick,
             )  # fmt: skip
         world.step()
     behind = slave.surface - world.master.adoption.newest.surface
     assert (abs(behind) < 0.1e-3) is streamed
     assert behind < 1.1e-3
+
+
+def test_a_motion_is_not_continued_for_longer_than_it_was_seen() -> None:
+    one_way, burst = Impairment(delay_ns=300_000_000), range(2590, 2690)
+    world = World(Resting(), there=one_way, back=one_way)
+    slave, nearest = world.slave, 0.0137
+    for tick in range(3500):
+        slave.surface = 0.0137
+        if slave.contact_id and tick > 1500:
+            slave.model = ModelMessage(
+                "kelvin-voigt", tick, slave.contact_id, slave.surface, k=3600.0, b=20.0,
+                surface_velocity=-0.02 if tick in burst else 0.0, time_s=T * tick,
+            )  # fmt: skip
+        world.step()
+        if tick > 2500:
+            nearest = min(nearest, world.master.adoption.newest.surface)
+    assert 0.001 < 0.0137 - nearest < 1.1 * 0.02 * T * len(burst)
