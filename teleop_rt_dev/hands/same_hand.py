@@ -5,13 +5,14 @@ its taps to the ringing of the wall, and of its tremor to both, is another one. 
 the whole way that it took, past every wall, offset and brake that was rendered, to a period before
 the swings. From there on it has one wall: that of this moment, or that of the end of the swings,
 where they begin with a first touch. It never changes while the hand is in it, or in what it would
-change to: a wall that moves where nobody feels it does no work. No model, no offset, no news, no
-sampling and no latency has a part in it; the wall stays, or moves on as the body does. What the
-hand does there is its own share. Swings are its own where it makes a row there at that time, about
-as fast and as large, and so long that fewer than five swings are left, or where little and nothing
-sustained remains once its motion there is subtracted. The first finds a hand that bounces in its
-own rhythm, whose motions drift apart by a touch that was earlier; the second finds tremor, of which
-five swings are chance.
+change to: a wall that moves where nobody feels it does no work. The leash's brake alone goes on to
+count from where it counted in the run: dry friction gives no energy, whatever its limit does. No
+model, no offset, no news, no sampling and no latency has a part in it; the wall stays, or moves on
+as the body does. What the hand does there is its own share. Swings are its own where it makes a row
+there at that time, about as fast and as large, and so long that fewer than five swings are left, or
+where little and nothing sustained remains once its motion there is subtracted. The first finds a
+hand that bounces in its own rhythm, whose motions drift apart by a touch that was earlier; the
+second finds tremor, of which five swings are chance.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ class StaysAsItWas:
 
     It stays while the hand is in it or in the one that was rendered then; out of both, it becomes
     that one, from `stays_s` on. Then, if they are to, they move `with_body`, as the plant's surface
-    moves by itself. What the leash counts from stays as it was.
+    moves by itself.
     """
 
     def __init__(
@@ -121,7 +122,6 @@ class StaysAsItWas:
         self._stays = self._ticks[self._at(stays_s)]
         self._body = IdealWall(trial.plant) if with_body else None
         self._most = master.force_max
-        self._leads_from = self._stays.leads_from
         self._leash = Leash(
             1e-3 * master.leash_mm, master.leash_force, rendered.grip, self._period_s / STEPS
         )
@@ -136,15 +136,15 @@ class StaysAsItWas:
                     self._stays, x - self._since(t_s)
                 ):
                     self._stays_s, self._stays = t_s, self._ticks[now]
-            tick, leads_from = self._stays, self._leads_from
+            tick = self._stays
             place = x - tick.offset - self._since(t_s)
         else:
             tick = self._ticks[now]
-            place, leads_from = x - tick.offset, tick.leads_from
+            place = x - tick.offset
         force = tick.weight * self._of(tick.new, place, v)
         if tick.weight < 1.0:
             force += (1 - tick.weight) * self._of(tick.old, place, v)
-        return force + self._leash.update(x, x - leads_from, v)
+        return force + self._leash.update(x, x - self._ticks[now].leads_from, v)
 
     def _at(self, t_s: float) -> int:
         return min(int(t_s / self._period_s), self._last)
