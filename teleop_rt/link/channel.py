@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
+from cryptography.exceptions import InvalidTag
+
 from teleop_rt.jit import bound
 from teleop_rt.link import intake
 from teleop_rt.link.codec import (
@@ -34,9 +36,10 @@ from teleop_rt.link.messages import (
     TakenOver,
 )
 from teleop_rt.link.noise import TAG_BYTES, Body
+from teleop_rt.link.outgoing import Outgoing
 from teleop_rt.link.packet_kernels import load_kernels
 from teleop_rt.link.peer_clock import PeerClock
-from teleop_rt.link.session import ReplayWindow, Session
+from teleop_rt.link.session import NOT_AUTHENTIC, ReplayWindow, Session
 from teleop_rt.link.sessions import Sessions
 from teleop_rt.link.statistics import SENT, Statistics
 from teleop_rt.link.transport import Address, Transport, UdpTransport
@@ -115,9 +118,11 @@ class Endpoint(Mailbox):
         self.taken_by: str | None = None
         self.statistics = Statistics()
         self._udp = transport if isinstance(transport, UdpTransport) else None
-        self._door = (
-            None if self._udp is None else PacketDoor(self._udp.packets, self._udp.descriptor)
-        )
+        self._door: PacketDoor | None = None
+        self._outgoing: Outgoing | None = None
+        if self._udp is not None:
+            self._door = PacketDoor(self._udp.packets, self._udp.descriptor)
+            self._outgoing = Outgoing(self._udp, self.words)
         self._bind(ReplayWindow())
         self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
         self._sent = self.statistics.words.data[SENT : SENT + 1]
@@ -184,7 +189,7 @@ class Endpoint(Mailbox):
         if udp is None or door is None or session is None or not udp.is_empty:
             self._poll_transport(now_ns)
         elif length := self._receive_expected(udp.name, session.signed_id, self._kinds):
-            self._try_expected(session, door.memory[:length], now_ns)  # nearly always
+            self._open_expected(session, door, length, now_ns)  # nearly always
         elif (count := door.received) > 0:
             udp.take_up(count)
             self._poll_transport(now_ns)
@@ -237,10 +242,15 @@ class Endpoint(Mailbox):
 
     def send_body(self, kind: Kind, body: Body) -> None:
         """Send a message of this kind, of which the body is written already, as by `encode`."""
-        session = self.sessions.current
-        if session is not None:
-            self._send(session, kind, body, self._now_ns())
-            self._sent[0] += 1
+        session, outgoing = self.sessions.current, self._outgoing
+        if session is None:
+            return
+        now_ns = self._now_ns()
+        if outgoing is None:
+            self._send(session, kind, body, now_ns)
+        else:
+            outgoing.send(session, kind, body, now_ns)
+        self._sent[0] += 1
 
     def close(self) -> None:
         """Close the transport."""
@@ -282,20 +292,39 @@ class Endpoint(Mailbox):
         else:
             raise MessageError("kind")
 
-    def _try_expected(self, session: Session, packet: Body, now_ns: int) -> None:
-        """Take in one more motion or state of the session that stands, as nearly all are."""
-        numbers, transport, sessions = self._numbers, self.transport, self.sessions
+    def _open_expected(self, session: Session, door: PacketDoor, length: int, now_ns: int) -> None:
+        """Open the packet that a kernel received and expects, as nearly all are."""
         try:
-            body = session.open(packet, numbers[_SEQUENCE])
-            transport.confirm_sender()
-            session.address = transport.sender
-            sessions.accepted_ns = now_ns
-            if problem := self._accept(body, session.epoch, sessions.lost_before, now_ns):
-                self._count_problem(problem)
+            sealed = door.sealed(length)
+            body = session.incoming.aead.decrypt(door.nonce, sealed, door.clear)
+        except InvalidTag:
+            self.statistics.reject(NOT_AUTHENTIC)
+        else:
+            self._take_expected(session, body, now_ns)
+
+    def _try_expected(self, session: Session, packet: Body, now_ns: int) -> None:
+        """Open a packet that is expected, and take it in."""
+        try:
+            body = session.open(packet, self._numbers[_SEQUENCE])
         except MessageError as error:
             self.statistics.reject(error.reason)
-            return
-        if numbers[_KIND] == _MOTION:
+        else:
+            self._take_expected(session, body, now_ns)
+
+    def _take_expected(self, session: Session, body: bytes, now_ns: int) -> None:
+        """Take in one more motion or state of the session that stands."""
+        sessions, sender = self.sessions, self.transport.sender
+        if session.address is not sender:
+            self.transport.confirm_sender()
+            session.address = sender
+        sessions.accepted_ns = now_ns
+        if problem := self._accept(body, session.epoch, sessions.lost_before, now_ns):
+            try:
+                self._count_problem(problem)
+            except MessageError as error:
+                self.statistics.reject(error.reason)
+                return
+        if self._numbers[_KIND] == _MOTION:
             self._motion, self.fresh_motion = body, True
         else:
             self._state, self.fresh_state = body, True

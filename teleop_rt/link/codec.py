@@ -45,6 +45,8 @@ _EFFECT = Struct("<Idddd")
 _STATE = Struct("<dddddQBBBBB")
 _TAKEN = Struct("<32s")
 HEADER_BYTES, MOTION_BYTES, STATE_BYTES = _HEADER.size, _MOTION.size, _STATE.size
+VERSION_AT, KIND_AT, SESSION_AT, SEQUENCE_AT, STAMP_AT, ECHO_AT, HELD_AT = 2, 3, 4, 12, 20, 28, 36
+"""Bytes of a header where its fields begin."""
 
 
 pack_header = functools.partial(_HEADER.pack, MAGIC, VERSION)

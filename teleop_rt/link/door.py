@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.jit import kernel
 from teleop_rt.kernel_record import record_type
-from teleop_rt.link.intake import is_expected
+from teleop_rt.link.codec import HEADER_BYTES
+from teleop_rt.link.intake import SEQUENCE, is_expected, put_whole
+from teleop_rt.link.noise import NONCE_BYTES, NONCE_NUMBER_AT
 from teleop_rt.realtime.system_calls import receive_packets
 
 if TYPE_CHECKING:
@@ -41,7 +43,8 @@ Doors = NDArray[np.record]
 class PacketDoor:
     """A socket that receives into `packets`, for kernels: `arrays`, and `door` by name.
 
-    `memory` holds the packet that was received first.
+    Of the packet that was received first `clear` is the header, and `nonce` that of its number if
+    it was expected.
     """
 
     def __init__(self, packets: Packets, descriptor: int) -> None:
@@ -49,16 +52,26 @@ class PacketDoor:
         self.door = cast("PacketDoorFields", stored[0])
         self.door.descriptor, self.door.headers = descriptor, packets.headers
         self.door.most = packets.most
-        self.memory = packets.memory
+        self.clear = packets.memory[:HEADER_BYTES]
+        self._memory, self._sealed = packets.memory, packets.memory[HEADER_BYTES:]
+        self._length = len(packets.memory)
+        nonce = np.zeros(NONCE_BYTES, np.uint8)
+        self.nonce = nonce.data
         memory = np.frombuffer(packets.memory, np.uint8)
         names = np.frombuffer(packets.senders, np.int64)
-        self.arrays = stored, np.asarray(packets.lengths), memory, names
+        self.arrays = stored, np.asarray(packets.lengths), memory, names, nonce
         self._words = stored.view(np.int64).data
 
     @property
     def received(self) -> int:
         """How many packets the last call took, or minus the number of an error."""
         return self._words[_RECEIVED]
+
+    def sealed(self, length: int) -> memoryview:
+        """Return what follows the header in the first packet, which is of this length."""
+        if length != self._length:  # seldom: nearly all have one length
+            self._length, self._sealed = length, self._memory[HEADER_BYTES:length]
+        return self._sealed
 
 
 @kernel
@@ -67,6 +80,7 @@ def receive_expected(
     lengths: NDArray[np.uint32],
     memory: NDArray[np.uint8],
     names: Whole,
+    nonce: NDArray[np.uint8],
     link: Whole,
     window: Whole,
     sender: int,
@@ -83,4 +97,7 @@ def receive_expected(
     if door.received != 1 or names[0] != sender:
         return OTHER
     length = int(lengths[0])
-    return length if is_expected(link, window, memory[:length], session, kinds) else OTHER
+    if not is_expected(link, window, memory[:length], session, kinds):
+        return OTHER
+    put_whole(nonce, NONCE_NUMBER_AT, link[SEQUENCE])
+    return length

@@ -71,6 +71,9 @@ _HEADER_BYTES, _MAGIC_WORD, _VERSION_BYTE = (
     int.from_bytes(codec.MAGIC, "little"),
     codec.VERSION,
 )
+_VERSION_AT, _KIND_AT = codec.VERSION_AT, codec.KIND_AT
+_SESSION_AT, _SEQUENCE_AT = codec.SESSION_AT, codec.SEQUENCE_AT
+_STAMP_AT, _ECHO_AT, _HELD_AT = codec.STAMP_AT, codec.ECHO_AT, codec.HELD_AT
 _MOTION, _STATE, _TAKEN = int(Kind.MOTION), int(Kind.STATE), int(Kind.TAKEN)
 _NUMBERS = 5
 """Floating-point numbers that a motion and a state begin with; a contact's number follows."""
@@ -117,6 +120,13 @@ def _whole(packet: bytes | Bytes, at: int) -> int:
 
 
 @kernel
+def put_whole(memory: Bytes, at: int, value: int) -> None:
+    """Write a number into eight bytes."""
+    for byte in range(8):
+        memory[at + byte] = value >> (8 * byte) & 0xFF
+
+
+@kernel
 def _stamp(packet: bytes | Bytes, at: int) -> int:
     return min(max(_whole(packet, at), -FARTHEST_NS), FARTHEST_NS)
 
@@ -128,16 +138,16 @@ def read_header(link: Whole, packet: bytes | Bytes) -> int:
         return _LENGTH
     if int(packet[0]) | int(packet[1]) << 8 != _MAGIC_WORD:
         return _MAGIC
-    if packet[2] != _VERSION_BYTE:
+    if packet[_VERSION_AT] != _VERSION_BYTE:
         return _VERSION
-    if not 0 < packet[3] < _KINDS:
+    if not 0 < packet[_KIND_AT] < _KINDS:
         return _KIND
-    link[KIND] = packet[3]
-    link[SESSION], link[SEQUENCE] = _whole(packet, 4), _whole(packet, 12)
+    link[KIND] = packet[_KIND_AT]
+    link[SESSION], link[SEQUENCE] = _whole(packet, _SESSION_AT), _whole(packet, _SEQUENCE_AT)
     link[STAMP], link[_ECHO], link[_HELD] = (
-        _stamp(packet, 20),
-        _stamp(packet, 28),
-        _stamp(packet, 36),
+        _stamp(packet, _STAMP_AT),
+        _stamp(packet, _ECHO_AT),
+        _stamp(packet, _HELD_AT),
     )
     return FINE
 

@@ -26,6 +26,8 @@ TAG_BYTES = 16
 """Sizes of X25519 (RFC 7748) and of ChaCha20-Poly1305 (RFC 8439)."""
 pack_nonce = Struct("<4xQ").pack
 """The 12 bytes of a nonce, from its number."""
+NONCE_BYTES, NONCE_NUMBER_AT = 12, 4
+"""Size of a nonce, and where its number is."""
 X25519PrivateKey.generate()  # loads cryptography's backend now, not with a loop's first handshake
 
 

@@ -22,6 +22,8 @@ REPLAY_WINDOW = 1024
 """Packets that may overtake one another: a second at 1 kHz."""
 
 
+NOT_AUTHENTIC = "authentication"
+"""Reason for which a packet is refused whose tag is not that of its key."""
 _NEWEST, _COUNT, _SEEN = range(3)
 
 
@@ -121,4 +123,4 @@ class Session:
             sealed, clear = packet[HEADER_BYTES:], packet[:HEADER_BYTES]
             return self.incoming.aead.decrypt(pack_nonce(sequence), sealed, clear)
         except InvalidTag:
-            raise MessageError("authentication") from None
+            raise MessageError(NOT_AUTHENTIC) from None

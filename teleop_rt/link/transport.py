@@ -7,6 +7,8 @@ import struct
 from collections import deque
 from typing import Protocol
 
+import numpy as np
+
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.packets import SENDER_BYTES, Packets
 
@@ -18,6 +20,7 @@ RECEIVE_BUFFER = 1 << 20
 """Bytes asked of the kernel for datagrams that wait."""
 _AT_ONCE = 16
 """Datagrams that are taken by one call of the system."""
+_FAMILY = struct.Struct("=H")
 _INTERNET = struct.Struct(">2xH4s8x")
 """Port and address in `struct sockaddr_in`."""
 _NAME_WORDS = SENDER_BYTES // 8
@@ -35,7 +38,10 @@ class Transport(Protocol):
 
     @property
     def sender(self) -> Address | None:
-        """Who sent the datagram received last; None where there can be only one."""
+        """Who sent the datagram received last; None where there can be only one.
+
+        It is another object after each change.
+        """
 
     def send(self, packet: bytes, to: Address | None = None) -> None:
         """Send a datagram to the peer, or to another address.
@@ -60,10 +66,12 @@ class UdpTransport:
     packet: a peer that moves to another port is followed, a foreign one is not.
 
     A kernel may receive into `packets` from the `descriptor` while `is_empty`, and `take_up` is
-    called then; `name` is the first word of the address of the last packet's sender.
+    called then; `name` is the first word of the address of the last packet's sender. `peer_name` is
+    the peer's `struct sockaddr_in`, all zeros while its address is no number.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, peer: Address | None = None) -> None:
+        self.peer_name = np.zeros(SENDER_BYTES, np.uint8)
         self.peer = peer
         self.unsent = 0
         self.sender: Address | None = None
@@ -85,13 +93,23 @@ class UdpTransport:
         self._names = self.packets.senders.cast("q")
 
     @property
+    def peer(self) -> Address | None:
+        """Where packets are sent to; None while nobody is known."""
+        return self._peer
+
+    @peer.setter
+    def peer(self, address: Address | None) -> None:
+        self._peer = address
+        self.peer_name[:] = np.frombuffer(_name_of(address), np.uint8)
+
+    @property
     def port(self) -> int:
         """The local port."""
         return int(self._socket.getsockname()[1])
 
     def send(self, packet: bytes, to: Address | None = None) -> None:
         """Send a datagram to an address, or to the peer if one is known."""
-        address = to or self.peer
+        address = to or self._peer
         if address is None:
             return
         try:
@@ -136,11 +154,21 @@ class UdpTransport:
 
     def confirm_sender(self) -> None:
         """Take the sender of the last datagram for the peer."""
-        self.peer = self.sender
+        if self._peer is not self.sender:
+            self.peer = self.sender
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+def _name_of(address: Address | None) -> bytes:
+    """Return an address as a `struct sockaddr_in`, zeros where its host is no number."""
+    try:
+        host, port = address or ("", 0)
+        return _FAMILY.pack(socket.AF_INET) + _INTERNET.pack(port, socket.inet_aton(host))[2:]
+    except OSError:
+        return bytes(SENDER_BYTES)
 
 
 class MemoryTransport:

@@ -15,6 +15,7 @@ import numpy as np
 
 from teleop_rt.jit import kernel
 from teleop_rt.lean_numba import numba
+from teleop_rt.realtime.packets import SENDER_BYTES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,6 +54,7 @@ _read = _of_c_library("read", "int64", "int32", "int64", "int64")
 _write = _of_c_library("write", "int64", "int32", "int64", "int64")
 _ioctl = _of_c_library("ioctl", "int32", "int32", "int64", "int64")
 _send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
+_send_to = _of_c_library("sendto", "int64", "int32", "int64", "int64", "int32", "int64", "int32")
 _to_number = _of_c_library("strtod", "float64", "int64", "int64")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
@@ -124,6 +126,16 @@ def write_bytes(descriptor: int, place: int, length: int) -> int:
 def send_bytes(descriptor: int, place: int, length: int) -> int:
     """Send a packet that lies at an address; return 0, or minus the number of an error."""
     return -_error()[0] if _send(descriptor, place, length, _SEND_FLAGS) < 0 else 0
+
+
+@kernel
+def send_bytes_to(descriptor: int, place: int, length: int, name: int) -> int:
+    """Send a packet that lies at an address to the `struct sockaddr_in` at another.
+
+    Return 0, or minus the number of an error.
+    """
+    sent = _send_to(descriptor, place, length, _SEND_FLAGS, name, SENDER_BYTES)
+    return -_error()[0] if sent < 0 else 0
 
 
 @kernel

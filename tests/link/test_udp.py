@@ -155,19 +155,39 @@ def test_a_stranger_whose_packet_was_dropped_does_not_become_the_peer(ends) -> N
     assert at_slave.peer == ("127.0.0.1", at_master.port)
 
 
-def test_a_single_spoilt_or_repeated_packet_is_refused(ends, monkeypatch) -> None:
+def test_a_single_spoilt_or_repeated_packet_is_refused(ends) -> None:
     master, slave, at_master, at_slave = ends
     led_once(master, slave, at_slave)
-    sent: list[bytes] = []
-    send = at_master.send
-    monkeypatch.setattr(at_master, "send", lambda packet, to=None: sent.append(packet))
     master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
-    wrong = bytearray(sent[0])
+    wait_for(at_slave)
+    sent = at_slave.receive()
+    assert sent is not None
+    assert at_slave.receive() is None
+    wrong = bytearray(sent)
     wrong[-1] ^= 1
-    for packet, target in ((bytes(wrong), 0.125), (sent[0], 0.5), (sent[0], 0.5)):
-        send(packet)
+    for packet, target in ((bytes(wrong), 0.125), (sent, 0.5), (sent, 0.5)):
+        at_master.send(packet)
         wait_for(at_slave)
         slave.poll()
         assert slave.motion == MotionMessage(target, 0.0, 0, engaged=True)
     found = {reason: count for reason, count in slave.statistics.rejected.items() if count}
     assert found == {"authentication": 1, "replay": 1}
+
+
+def test_a_peer_that_is_known_by_name_gets_what_a_session_sends(ends) -> None:
+    master, slave, at_master, at_slave = ends
+    led_once(master, slave, at_slave)
+    at_master.peer = ("localhost", at_slave.port)
+    master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
+    wait_for(at_slave)
+    slave.poll()
+    assert slave.motion == MotionMessage(0.5, 0.0, 0, engaged=True)
+
+
+def test_what_a_session_cannot_send_is_counted(ends) -> None:
+    master, slave, at_master, at_slave = ends
+    led_once(master, slave, at_slave)
+    before = at_master.unsent
+    at_master.peer = ("255.255.255.255", at_slave.port)  # no broadcast without permission
+    master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
+    assert at_master.unsent == before + 1

@@ -1,0 +1,101 @@
+"""A packet on its way out, for kernels: its header and nonce are written, then it is sent."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_rt.jit import bound, kernel
+from teleop_rt.kernel_record import record_type
+from teleop_rt.link import codec
+from teleop_rt.link.intake import PEER_STAMP, PEER_STAMP_TAKEN, put_whole
+from teleop_rt.link.noise import NONCE_BYTES, NONCE_NUMBER_AT
+from teleop_rt.link.transport import MAX_DATAGRAM
+from teleop_rt.realtime.system_calls import send_bytes_to
+
+if TYPE_CHECKING:
+    from teleop_rt.link.messages import Kind
+    from teleop_rt.link.noise import Body
+    from teleop_rt.link.session import Session
+    from teleop_rt.link.transport import UdpTransport
+
+    Whole = NDArray[np.int64]
+    Bytes = NDArray[np.uint8]
+
+_HEADER_BYTES, _KIND_AT = codec.HEADER_BYTES, codec.KIND_AT
+_SESSION_AT, _SEQUENCE_AT = codec.SESSION_AT, codec.SEQUENCE_AT
+_STAMP_AT, _ECHO_AT, _HELD_AT = codec.STAMP_AT, codec.ECHO_AT, codec.HELD_AT
+
+
+class OutgoingFields:
+    """Fields of a packet on its way out: the socket, where it lies, and where its peer's name."""
+
+    descriptor: int
+    packet: int
+    name: int
+
+
+_OUTGOING = record_type(OutgoingFields)
+StoredOutgoing = NDArray[np.record]
+
+
+class Outgoing:
+    """Sends packets over a socket from an end whose words are `link`; there is room for one."""
+
+    def __init__(self, udp: UdpTransport, link: Whole) -> None:
+        packet, nonce = np.zeros(MAX_DATAGRAM, np.uint8), np.zeros(NONCE_BYTES, np.uint8)
+        packet[: codec.VERSION_AT] = np.frombuffer(codec.MAGIC, np.uint8)
+        packet[codec.VERSION_AT] = codec.VERSION
+        self._clear, self._nonce = packet.data[:_HEADER_BYTES], nonce.data
+        self._udp = udp
+        stored: StoredOutgoing = np.zeros(1, _OUTGOING)
+        fields = cast("OutgoingFields", stored[0])
+        fields.descriptor, fields.packet = udp.descriptor, packet.ctypes.data
+        fields.name = udp.peer_name.ctypes.data
+        self._write_head = bound(write_head, (packet, nonce, link), 0, 0, 0, 0)
+        self._send_sealed = bound(send_sealed, (stored, packet, udp.peer_name), b"")
+
+    def send(self, session: Session, kind: Kind, body: Body, now_ns: int) -> None:
+        """Seal a body with the keys of a session and send it; what cannot be sent is lost."""
+        session.sequence = sequence = session.sequence + 1  # each is used once
+        self._write_head(kind, session.signed_id, sequence, now_ns)
+        sealed = session.outgoing.aead.encrypt(self._nonce, body, self._clear)
+        if not self._send_sealed(sealed):
+            self._udp.send(bytes(self._clear) + sealed)
+
+
+@kernel
+def write_head(
+    packet: Bytes,
+    nonce: Bytes,
+    link: Whole,
+    kind: int,
+    session: int,
+    sequence: int,
+    now_ns: int,
+) -> None:
+    """Write the header and the nonce of one more packet of this kind and session."""
+    packet[_KIND_AT] = kind
+    put_whole(packet, _SESSION_AT, session)
+    put_whole(packet, _SEQUENCE_AT, sequence)
+    put_whole(packet, _STAMP_AT, now_ns)
+    put_whole(packet, _ECHO_AT, link[PEER_STAMP])
+    put_whole(packet, _HELD_AT, now_ns - link[PEER_STAMP_TAKEN])
+    put_whole(nonce, NONCE_NUMBER_AT, sequence)
+
+
+@kernel
+def send_sealed(stored: StoredOutgoing, packet: Bytes, name: Bytes, sealed: bytes) -> bool:
+    """Send the packet of the header written last, with this body; return whether it went.
+
+    It does not where the peer's address is no number: a name is looked up by the system.
+    """
+    out: Any = stored[0]
+    if name[0] == 0:
+        return False
+    length = len(sealed)
+    for at in range(length):
+        packet[_HEADER_BYTES + at] = sealed[at]
+    return send_bytes_to(out.descriptor, out.packet, _HEADER_BYTES + length, out.name) == 0
