@@ -15,9 +15,9 @@ from teleop_rt.interrupts import INTERRUPTED, INTERRUPTS, interrupt, interrupted
 
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 _STREAMS = {"stdin": (0, "r"), "stdout": (1, "w"), "stderr": (2, "w")}
-_COLLECT_AFTER = 50_000
-"""Objects made since the last collection. Python's 700 would look through all modules many times
-while they are loaded, a tenth of the time to start."""
+_COLLECT_AFTER = 500_000
+"""Objects made since the last collection: loading a command makes fewer. Python's 700 would look
+through all modules many times while they are loaded, a fifth of the time to start."""
 
 
 def main() -> None:
@@ -62,6 +62,8 @@ def _open_closed_streams() -> None:
 def program() -> None:
     """Run the command line; after an interrupt leave without taking the compiler down.
 
+    Python's last collections are to find nothing: they would look through all modules, which took
+    a third of the time of a short command.
     An interrupt between two calls of the compiler can leave it with objects that it would release
     twice at the end of the process, which is then killed by a segmentation fault.
     """
@@ -71,6 +73,8 @@ def program() -> None:
         if interrupted():
             _leave(leaving.code)
         raise
+    finally:
+        gc.freeze()
     if interrupted():
         _leave(None)
 

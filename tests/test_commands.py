@@ -175,6 +175,27 @@ def test_a_slave_that_runs_has_loaded_nothing_that_draws_prints_tables_or_fits()
     assert begun & {*unwanted, "rich"} == set()  # the log of a whole run prints by it
 
 
+AT_THE_END = """
+import atexit, gc, sys
+from teleop_rt.__main__ import program
+visited = []
+gc.callbacks.append(lambda phase, _: visited.append(len(gc.get_objects())))
+atexit.register(lambda: print(max(visited, default=0), len(gc.get_objects()), len(sys.modules)))
+sys.argv = ["teleop-rt", "check", "silicone_cube"]
+program()
+"""
+
+
+def test_a_command_begins_and_ends_without_looking_through_all_that_it_loaded():
+    done = subprocess.run(
+        [sys.executable, "-c", AT_THE_END], capture_output=True, text=True, check=True
+    )
+    visited, left, modules = map(int, done.stdout.splitlines()[-1].split())
+    assert modules > 500
+    assert visited < 10_000
+    assert left < 10_000
+
+
 def test_what_the_help_says_of_a_command_is_what_the_command_says_of_itself():
     for name, command in app.load_all().items():
         first_paragraph = " ".join((command.help or "").split("\n\n")[0].split())
