@@ -18,7 +18,7 @@ from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.cycle import keep, run_ticks, sense_tick
-from teleop_rt.estimation.estimates import Places, new_places, write_estimate, write_logged
+from teleop_rt.estimation.estimates import Places, StoredPlaces, new_places, write_estimate
 from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
 from teleop_rt.estimation.rows import RowSpec
@@ -301,9 +301,10 @@ class Pipeline:
         arrays = self._one, self._places, self._room
         return write_estimate(*arrays, row, values, deviations)
 
-    def logged(self, row: Vector) -> Callable[[int, int], None]:
-        """Return what writes the estimate of a row, by its number, into a log's row at a stamp."""
-        return bound(write_logged, (self._one, self._places, self._room, row), 0, 0)
+    @property
+    def logged(self) -> tuple[StateArray, StoredPlaces, Matrix]:
+        """Record, places and room to work in, as `write_logged` takes them before a row."""
+        return self._one, self._places, self._room
 
     def condition(self, row: int) -> float | None:
         """Return the condition number of a row's (scaled) normal matrix, None before any data."""

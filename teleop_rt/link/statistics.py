@@ -20,7 +20,7 @@ _SMOOTHING = 16
 """Weight 1/16 of a new value, as a TCP's smoothed estimates have 1/8 and 1/4."""
 
 
-SENT, RECEIVED, LOST, ROUND_TRIP, ROUND_TRIP_MIN, ONE_WAY, _WORDS = range(7)
+SENT, RECEIVED, LOST, REFUSED, ROUND_TRIP, ROUND_TRIP_MIN, ONE_WAY, _WORDS = range(8)
 
 
 @kernel
@@ -56,8 +56,7 @@ class Statistics:
         self.words[ROUND_TRIP] = self.words[ROUND_TRIP_MIN] = self.words[ONE_WAY] = -1
         self._words = self.words.data
         self.rejected: dict[str, int] = {}
-        self.refused = self.overtaken = 0
-        self.take_overs = 0
+        self.overtaken = self.take_overs = 0
 
     @property
     def sent(self) -> int:
@@ -73,6 +72,11 @@ class Statistics:
     def lost(self) -> int:
         """How many packets of the peer have not come."""
         return self._words[LOST]
+
+    @property
+    def refused(self) -> int:
+        """How many packets were rejected, those that were overtaken left out."""
+        return self._words[REFUSED]
 
     @property
     def round_trip_ns(self) -> int:
@@ -95,4 +99,4 @@ class Statistics:
         if reason in OVERTAKEN:
             self.overtaken += 1
         else:
-            self.refused += 1
+            self._words[REFUSED] += 1

@@ -33,5 +33,10 @@ def put(header: NDArray[np.int64], words: Row, row: Row) -> None:
 
 def row_writer(ring: RingWriter, row: Row) -> Callable[[], None]:
     """Return a function that writes what this row (columns,) holds then into the ring."""
+    return bound(put, (*ring_words(ring), row))
+
+
+def ring_words(ring: RingWriter) -> tuple[NDArray[np.int64], Row]:
+    """Return a ring as `put` takes it: as whole numbers and as floating-point ones."""
     memory = ring.memory
-    return bound(put, (np.frombuffer(memory, np.int64), np.frombuffer(memory, np.float64), row))
+    return np.frombuffer(memory, np.int64), np.frombuffer(memory, np.float64)

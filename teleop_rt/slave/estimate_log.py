@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from teleop_rt.estimation.estimates import LEADING, MOST_NAMES
+from teleop_rt.estimation.estimates import write_logged
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import OFFSET, RowSpec
+from teleop_rt.jit import bound, kernel
 from teleop_rt.realtime.ring import RingWriter
-from teleop_rt.realtime.ring_kernel import row_writer
+from teleop_rt.realtime.ring_kernel import put, ring_words
 from teleop_rt.signals import Signal
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from teleop_rt.contact.effect import Vector
+    from teleop_rt.estimation.estimates import Matrix, StoredPlaces
+    from teleop_rt.estimation.state import StateArray
 
 Publish = Callable[[str, Sequence[Signal]], RingWriter]
 
@@ -33,28 +44,43 @@ def estimate_table(row: RowSpec) -> tuple[Signal, ...]:
     return _LEADING + values + spreads
 
 
+@kernel
+def log(
+    one: StateArray,
+    places: StoredPlaces,
+    room: Matrix,
+    row: Vector,
+    header: NDArray[np.int64],
+    words: Vector,
+    number: int,
+    stamp_ns: int,
+) -> None:
+    """Write what the estimator of this number holds now into its ring, by way of a row of it."""
+    write_logged(one, places, room, row, number, stamp_ns)
+    put(header, words, row)
+
+
 class EstimateLog:
-    """One ring for each estimator, filled in turn."""
+    """One ring for each estimator, filled in turn: each call of `update` fills the next one's.
+
+    It takes the present time of the slave's clock [ns].
+    """
 
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
         self._rings: list[RingWriter] = []
-        self._writers: list[Callable[[], None]] = []
-        self._next = 0
-        stored = np.zeros(LEADING + 2 * MOST_NAMES)
-        self._write = pipeline.logged(stored)
-        for row in pipeline.rows:
+        writers: list[Callable[[int], None]] = []
+        for number, row in enumerate(pipeline.rows):
             table = estimate_table(row)
             topic = "/estimates/" + "/".join(row.label)
             ring = publish(topic, table)
             self._rings.append(ring)
-            self._writers.append(row_writer(ring, stored[: len(table)]))
+            arrays = *pipeline.logged, np.zeros(len(table)), *ring_words(ring)
+            writers.append(partial(bound(log, arrays, 0, 0), number))
+        self._turns = itertools.cycle(writers)
 
     def update(self, stamp_ns: int) -> None:
         """Record the next estimator in turn."""
-        number = self._next
-        self._next = (number + 1) % len(self._rings)
-        self._write(number, stamp_ns)
-        self._writers[number]()
+        next(self._turns)(stamp_ns)
 
     def close(self) -> None:
         """Close the rings for their readers."""

@@ -25,8 +25,7 @@ _EVERY_TICKS = 10
 _NOISE_FACTOR = 2.0
 """Deviations of noise that a difference of two walls must exceed to be felt."""
 _MODEL, _MODEL_K, _ADDED = place("model"), place("model_k"), place("model_added")
-_SLOT, _SEQUENCE = sending.place("slot"), sending.place("sequence")
-_MODELS_SENT = sending.place("models_sent")
+_SLOT, _MODELS_SENT = sending.place("slot"), sending.place("models_sent")
 _KIND = Kind.MODEL
 
 
@@ -37,7 +36,7 @@ class ModelSender:
     differ from that of the model last sent by more than max(2 sigma_f, 2 % of the force range),
     and in any case at the keep-alive rate, always the latest. With the just-noticeable deadband
     the bar is, at each of these positions, max(2 sigma_f, that share of the force) (Hinterseer et
-    al. 2008); with none a model goes out every tick.
+    al. 2008); with none a model goes out every tick. `stored` is its record (1,) for kernels.
     """
 
     def __init__(
@@ -58,7 +57,7 @@ class ModelSender:
         self._now_ns = now_ns
         self._every_tick = link.model_deadband == "none"
         by_hand = link.model_deadband == "just-noticeable"
-        stored = sending.new_sending(now_ns())
+        self.stored = stored = sending.new_sending(now_ns())
         one = cast("sending.Sending", stored[0])
         one.keep_alive_ns = round(link.keep_alive_ms * 1e6)
         one.every_tick = self._every_tick
@@ -84,11 +83,6 @@ class ModelSender:
             shape = one.eta[:SHAPES]
             row[0], row[1 : 1 + len(shape)] = code_of(one.effect), shape
         return effects
-
-    @property
-    def sequence(self) -> int:
-        """The number of the model last sent: another one where any of its numbers is another."""
-        return self._counts[_SEQUENCE]
 
     @property
     def models_sent(self) -> int:

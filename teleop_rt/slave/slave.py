@@ -19,7 +19,6 @@ from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
-from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.slave import faults
@@ -28,6 +27,7 @@ from teleop_rt.slave.feed import feed_of
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.protection import protect
 from teleop_rt.slave.record import CAME_IN, TickRecord, place
+from teleop_rt.slave.recorded_row import row_recorder
 from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP_DRIVE, ZEROS, decide
 
 # Where the fields that this module reads one by one are in the record of a tick.
@@ -38,9 +38,7 @@ _KIND = Kind.STATE
 _HOLDS = frozenset({faults.ARMED, faults.RUN, faults.HOLD})
 
 _COLUMN = columns(SLAVE)
-_SEQUENCE_COLUMN, _TROUBLE_COLUMN = _COLUMN["model_sequence"], _COLUMN["trouble"]
-_REJECTED_COLUMN, _COMMAND_COLUMN = _COLUMN["packets_rejected"], _COLUMN["command"]
-_WORK_COLUMN, _WAKE_COLUMN = _COLUMN["work_us"], _COLUMN["wake_latency_us"]
+_COMMAND_COLUMN = _COLUMN["command"]
 
 
 class Slave:
@@ -77,11 +75,12 @@ class Slave:
         self.record = record = TickRecord()
         self._floats, self._counts = record.floats, record.counts
         self._came_in = CAME_IN.writer(record)
-        self._allocate_outputs(row_ring)
-        self._models = ModelSender(
+        self._allocate_outputs()
+        self._models = models = ModelSender(
             pipeline.streaming, endpoint, rig.sensors.force_noise, trial.slave.force_cap,
             trial.link, now_ns, record,
         )  # fmt: skip
+        self._record_row = row_recorder(row_ring, self._row, models.stored)
         parts = protect(trial, record)
         self.limiter, self.guard, self.safety = parts.limiter, parts.guard, parts.safety
         self.supervision, self.reference = parts.supervision, parts.reference
@@ -96,11 +95,10 @@ class Slave:
         self._work_us = math.nan
         self._bind_step()
 
-    def _allocate_outputs(self, row_ring: RingWriter) -> None:
+    def _allocate_outputs(self) -> None:
         """Allocate what a tick writes: its recorded row and the message on its state."""
         self._row = NamedRow(SLAVE)
         self._columns = self._row.values
-        self._record_row = row_writer(row_ring, self._row.stored.view(np.float64))
         self._body = new_state()
         self._body_bytes = self._body.view(np.uint8).data
 
@@ -333,13 +331,8 @@ class Slave:
 
     def _write_row(self, wake_latency_ns: int) -> None:
         """Complete the row that the step has written, and record it."""
-        row, endpoint = self._columns, self._endpoint
-        row[_SEQUENCE_COLUMN] = self._models.sequence
-        row[_REJECTED_COLUMN] = endpoint.statistics.refused
-        row[_TROUBLE_COLUMN] = endpoint.trouble_code(self._stamp_ns)
-        if self._measure_work:
-            row[_WORK_COLUMN] = self._work_us
-            row[_WAKE_COLUMN] = wake_latency_ns * 1e-3
-        self._record_row()
+        stamp_ns = self._stamp_ns
+        wake_us = wake_latency_ns * 1e-3 if self._measure_work else math.nan
+        self._record_row(self._endpoint.trouble_code(stamp_ns), self._work_us, wake_us)
         if self._estimate_log is not None:
-            self._estimate_log.update(self._stamp_ns)
+            self._estimate_log.update(stamp_ns)

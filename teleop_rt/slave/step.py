@@ -162,6 +162,7 @@ def write_row(t: Tick, bank: estimation.BankState, link: Counts, row: Any) -> No
     row.tick, row.stamp_ns, row.sample_stamp_ns = t.tick, t.now_ns, t.sample_stamp_ns
     row.valid = t.usable
     row.packets_received, row.packets_lost = link[counted.RECEIVED], link[counted.LOST]
+    row.packets_rejected = link[counted.REFUSED]
     chosen = int(bank.choice[selection.SELECTED])
     row.position_age_ms = (t.now_ns - t.position_stamp_ns) * 1e-6
     row.force_age_ms = (t.now_ns - t.force_stamp_ns) * 1e-6
