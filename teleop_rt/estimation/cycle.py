@@ -15,6 +15,8 @@ from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank_kernels import bank_step
 from teleop_rt.estimation.contact_edges import end_excursion
+from teleop_rt.estimation.grid import Whole as Places
+from teleop_rt.estimation.grid import gap_at
 from teleop_rt.estimation.physical import NONE, deviation_known, surely_positive
 from teleop_rt.estimation.row_equations import (
     fill_algebraic,
@@ -25,7 +27,7 @@ from teleop_rt.estimation.row_equations import (
     predict_by,
 )
 from teleop_rt.estimation.sensing import sense
-from teleop_rt.jit import kernel
+from teleop_rt.jit import kernel, shared
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -221,6 +223,13 @@ def sense_tick(one: index.StateArray, position: float, force: float, valid: bool
     return sense(one[0], position, force, valid)
 
 
+@shared
+def skip(state: index.BankState, ticks: int) -> None:
+    """Let ticks pass that had no sample: the next one ends a gap of so many more."""
+    state.q[index.GAP] += ticks
+    state.q[index.ELAPSED] += ticks * state.settings[index.PERIOD]
+
+
 @kernel
 def keep(one: index.StateArray, signals: Vector, theta: Matrix, status: Vector) -> None:
     """Write the present state to one row of a trace: see `run_ticks`."""
@@ -250,17 +259,20 @@ def run_ticks(
     signals: Matrix,
     theta: NDArray[np.float64],
     status: Matrix,
+    grid: Places,
     decimate: int,
+    sensed: bool,
+    whole: layout.Whole,
     position: float,
     force: float,
     valid: bool,
-    sensed: bool,
-    whole: layout.Whole,
+    stamp_ns: int,
 ) -> None:
     """Run one tick with `position`, `force`, `valid`; or where a recording is given, all of its.
 
     One kernel serves both, for its compilation takes ten seconds. Of a tick that `sense_tick` has
-    `sensed`, it does the second half.
+    `sensed`, it does the second half. Where there is a grid, the words of a `SampleGrid`, the
+    sample of one tick ends the gap before its stamp.
     positions, forces, valids (samples,), empty for one tick; every `decimate`-th state is kept in
     signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration and
     velocity, selected row, its predicted force, force, all through one filter; theta (kept, rows,
@@ -270,6 +282,8 @@ def run_ticks(
     for i in range(max(recorded, 1)):  # the code of a tick stands here once: it is large
         if recorded > 0:
             position, force, valid = positions[i], forces[i], valids[i]
+        if len(grid) > 0:
+            skip(one[0], gap_at(grid, valid, stamp_ns))
         if sensed or sense(one[0], position, force, valid):
             estimate(one[0], whole)
         if recorded > 0 and (i + 1) % decimate == 0:

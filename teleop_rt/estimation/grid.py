@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import bound, kernel
+from teleop_rt.jit import kernel
 
 EARLY_SHARE = 0.25
 """Share of a period by which a stamp may lie before its place: jitter of stamps is no gap."""
@@ -38,32 +38,33 @@ def gap_before(grid: Whole, stamp_ns: int) -> int:
 
 
 @kernel
+def gap_at(grid: Whole, valid: bool, stamp_ns: int) -> int:
+    """Return how many places lie empty before a cycle; without a valid sample it fills its own."""
+    if valid:
+        return gap_before(grid, stamp_ns)
+    grid[_PLACE] += 1
+    return 0
+
+
+@kernel
 def find_places(grid: Whole, valid: Flags, stamp_ns: Vector, places: Whole) -> None:
     """Write the place of each cycle of a recording (cycles,), the first at 0."""
     place = -1
     for index in range(len(places)):
         place += 1
-        if valid[index]:
-            place += gap_before(grid, int(stamp_ns[index]))
-        else:
-            grid[_PLACE] += 1
-        places[index] = place
+        stamp = int(stamp_ns[index]) if valid[index] else 0
+        places[index] = place = place + gap_at(grid, valid[index], stamp)
 
 
 class SampleGrid:
     """Counts the places between two samples that no cycle filled.
 
     Stamps lie on the grid of the loop's deadlines, later by their latency: the phase is that of
-    the earliest so far. `gap(stamp_ns)` is `gap_before`, and `words` are what it works on.
+    the earliest so far. `words` are what kernels work on.
     """
 
     def __init__(self, period_ns: int) -> None:
         self.words = np.array([-1, 0, period_ns, round(EARLY_SHARE * period_ns)], np.int64)
-        self.gap = bound(gap_before, (self.words,), 0)
-
-    def passed(self) -> None:
-        """Note a cycle without a valid sample: it fills its place as missing."""
-        self.words[_PLACE] += 1
 
 
 def with_gaps(

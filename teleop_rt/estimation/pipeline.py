@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -17,8 +17,9 @@ from teleop_rt.estimation import layout, selection, watch
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.corrections import Corrections
-from teleop_rt.estimation.cycle import keep, run_ticks, sense_tick
+from teleop_rt.estimation.cycle import keep, run_ticks, sense_tick, skip
 from teleop_rt.estimation.estimates import Places, StoredPlaces, new_places, write_estimate
+from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.layout import STATUS_NAMES
 from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
 from teleop_rt.estimation.rows import RowSpec
@@ -36,7 +37,7 @@ Vector = NDArray[np.float64]
 
 _NO_SAMPLES = (np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.bool_))
 _NO_TRACE = (np.zeros((0, 8)), np.zeros((0, 0, layout.MAX_PARAMETERS)), np.zeros((0, 0)))
-_ONE_TICK = (1, 0.0, 0.0, True, False)
+_NO_GRID = np.zeros(0, np.int64)
 
 
 class Contact(NamedTuple):
@@ -153,7 +154,7 @@ class Pipeline:
         if self._surface_motion is not None and valid:
             position += self._follow_surface(self._surface_motion, position, force)
         if self._terms is None:
-            self._tick(1, position, force, valid, False, self._whole)  # noqa: FBT003
+            self._tick(position, force, valid, 0)
         elif sense_tick(self._one, position, force, valid):
             one, m, q = self.settings, self._state.motion, self._state.q
             self._forget_the_approach()
@@ -165,12 +166,30 @@ class Pipeline:
                 q[index.TIME],
                 q[index.ELAPSED],
             )
-            self._tick(1, position, force, valid, True, self._whole)  # noqa: FBT003
+            self._tick_sensed(position, force, valid, 0)
+
+    def on_grid(self, period_ns: int) -> Callable[[float, float, bool, int], object] | None:
+        """Return what takes a tick's sample as `update` does, with its stamp: see `SampleGrid`.
+
+        None where Python has a part in a tick; otherwise it is one kernel.
+        """
+        if self._terms is not None or self._corrections is not None or self._surface_motion:
+            return None
+        return self._one_tick(SampleGrid(period_ns).words, sensed=False)
+
+    def _one_tick(self, grid: NDArray[np.int64], *, sensed: bool) -> Callable[..., object]:
+        """Return the kernel of a recording, bound to none: it runs one tick."""
+        arrays = self._one, *_NO_SAMPLES, *_NO_TRACE, grid
+        how = 1, sensed, self._whole
+        return partial(bound(run_ticks, arrays, *how, 0.0, 0.0, True, 0), *how)  # noqa: FBT003
 
     @cached_property
     def _tick(self) -> Callable[..., object]:
-        """The kernel of a recording, bound to none: it runs one tick."""
-        return bound(run_ticks, (self._one, *_NO_SAMPLES, *_NO_TRACE), *_ONE_TICK, self._whole)
+        return self._one_tick(_NO_GRID, sensed=False)
+
+    @cached_property
+    def _tick_sensed(self) -> Callable[..., object]:
+        return self._one_tick(_NO_GRID, sensed=True)
 
     def _follow_surface(self, motion: SurfaceMotion, position: float, force: float) -> float:
         """Return the surface's motion towards the tool, which adds to the depth."""
@@ -186,8 +205,7 @@ class Pipeline:
 
     def skip(self, ticks: int) -> None:
         """Let ticks pass that had no sample: the next one ends a gap of so many more."""
-        self._state.q[index.GAP] += ticks
-        self._state.q[index.ELAPSED] += ticks * self.settings.period_s
+        skip(self._state, ticks)
 
     def _forget_the_approach(self) -> None:
         """Empty the effects' memories when the surface is met: what came before was free air."""
@@ -213,8 +231,9 @@ class Pipeline:
         plain = self._terms is None and self._corrections is None
         if plain and self._surface_motion is None:
             if len(p):
-                trace = (signals, theta, status, decimate)
-                run_ticks(self._one, p, f, ok, *trace, 0.0, 0.0, True, False, self._whole)  # noqa: FBT003
+                how = decimate, False, self._whole
+                trace = signals, theta, status
+                run_ticks(self._one, p, f, ok, *trace, _NO_GRID, *how, 0.0, 0.0, True, 0)  # noqa: FBT003
         else:
             for i in range(len(p)):
                 self.update(p[i], f[i], bool(ok[i]))

@@ -27,6 +27,8 @@ _STATE = _type_of(index.new_state()[0])
 _FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
 _VECTOR, _MATRIX = numba.float64[::1], numba.float64[:, ::1]
 _SAMPLES = (_VECTOR, _VECTOR, numba.boolean[::1])
+_GRID = numba.int64[::1]
+_SAMPLE = (numba.float64, numba.float64, numba.boolean, numba.int64)
 _TRACE = (_MATRIX, numba.float64[:, :, ::1], _MATRIX)
 
 
@@ -62,8 +64,8 @@ def compile_ticks(
 
 def types_of_ticks(whole: Whole) -> tuple[Any, ...]:
     """Return the types of arguments for which the kernel of a tick is compiled."""
-    scalars = (numba.int64, numba.float64, numba.float64, numba.boolean, numba.boolean)
-    return (_STATE, *_SAMPLES, *_TRACE, *scalars, _type_of(whole))
+    how = (numba.int64, numba.boolean, _type_of(whole))
+    return (_STATE, *_SAMPLES, *_TRACE, _GRID, *how, *_SAMPLE)
 
 
 @contextmanager

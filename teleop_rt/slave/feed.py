@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from teleop_rt.axis import Sample
-from teleop_rt.estimation.grid import SampleGrid
+from teleop_rt.estimation.grid import SampleGrid, gap_at
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Pipeline
 
-Feed = Callable[[Sample, bool], None]
+Feed = Callable[[Sample, bool], object]
 """Takes a tick's sample, and whether it is valid."""
 
 
@@ -17,19 +17,24 @@ def feed_of(pipeline: Pipeline, period_ns: int) -> Feed:
     """Return how a tick's sample reaches the estimators of a loop of this period."""
     pairing = pipeline.settings.pairing(period_ns)
     if pairing is None:
+        take = pipeline.on_grid(period_ns)
+        if take is not None:
+            return _feed_at_once(take)
         return _feed_ticks(pipeline, SampleGrid(period_ns))
     return _feed_pairs(pipeline, pairing)
+
+
+def _feed_at_once(take: Callable[[float, float, bool, int], object]) -> Feed:
+    """Return the way of sensors that give a sample each tick, where one kernel takes it."""
+    return lambda sample, valid: take(sample.position, sample.force, valid, sample.stamp_ns)
 
 
 def _feed_ticks(pipeline: Pipeline, grid: SampleGrid) -> Feed:
     """Return the way of sensors that give a sample each tick."""
 
     def feed(sample: Sample, valid: bool) -> None:
-        if valid:
-            if (gap := grid.gap(sample.stamp_ns)) > 0:
-                pipeline.skip(gap)
-        else:
-            grid.passed()
+        if (gap := gap_at(grid.words, valid, sample.stamp_ns)) > 0:
+            pipeline.skip(gap)
         pipeline.update(sample.position, sample.force, valid)
 
     return feed

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_rt.estimation.grid import SampleGrid, with_gaps
+from teleop_rt.estimation.grid import SampleGrid, gap_at, with_gaps
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
@@ -17,7 +17,7 @@ START_NS = 10**15
 def gaps_of(places, latency_ns=lambda index: 0):
     grid = SampleGrid(PERIOD_NS)
     return [
-        grid.gap(START_NS + place * PERIOD_NS + latency_ns(index))
+        gap_at(grid.words, valid=True, stamp_ns=START_NS + place * PERIOD_NS + latency_ns(index))
         for index, place in enumerate(places)
     ]
 
@@ -37,11 +37,11 @@ def test_late_stamps_are_no_gaps_and_a_gap_is_counted_once_whatever_the_first_on
 
 def test_a_cycle_without_a_sample_fills_its_place():
     grid = SampleGrid(PERIOD_NS)
-    assert grid.gap(START_NS) == 0
-    grid.passed()
-    grid.passed()
-    assert grid.gap(START_NS + 3 * PERIOD_NS) == 0
-    assert grid.gap(START_NS + 5 * PERIOD_NS) == 1
+    assert gap_at(grid.words, valid=True, stamp_ns=START_NS) == 0
+    assert gap_at(grid.words, valid=False, stamp_ns=0) == 0
+    assert gap_at(grid.words, valid=False, stamp_ns=0) == 0
+    assert gap_at(grid.words, valid=True, stamp_ns=START_NS + 3 * PERIOD_NS) == 0
+    assert gap_at(grid.words, valid=True, stamp_ns=START_NS + 5 * PERIOD_NS) == 1
 
 
 def stalled(samples, every=40, longest=9, seed=3):
@@ -76,13 +76,9 @@ def test_on_line_and_replayed_a_recording_with_gaps_gives_the_same_numbers():
     valid[500:503] = False
     online, replayed = (Pipeline(rows_for(["kelvin-voigt"], ["direct"], ["rls"]), SETTINGS)
                         for _ in range(2))  # fmt: skip
-    grid = SampleGrid(PERIOD_NS)
+    take = online.on_grid(PERIOD_NS)
     for x, f, ok, stamp in zip(position, force, valid, stamps, strict=True):
-        if ok:
-            online.skip(grid.gap(int(stamp)))
-        else:
-            grid.passed()
-        online.update(x, f, ok)
+        take(x, f, bool(ok), int(stamp))
     replayed.run(*with_gaps(position, force, valid, stamps, PERIOD_NS))
     assert np.array_equal(online.theta, replayed.theta)
     assert online.contact == replayed.contact
