@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from master_world import PERIOD_NS, World
+from master_world import CONFIG, PERIOD_NS, World
 
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import ModelMessage
@@ -115,6 +115,30 @@ def test_a_surface_is_rendered_where_it_is_now_not_where_it_was(streamed: bool) 
     behind = slave.surface - world.master.adoption.newest.surface
     assert (abs(behind) < 0.1e-3) is streamed
     assert behind < 1.1e-3
+
+
+def largest_power(most_mW: float) -> float:
+    """Return the largest power [mW] of a surface that comes towards a hand in it at 20 mm/s."""
+    world = World(Resting(), config=CONFIG.model_copy(update={"surface_power_mW": most_mW}))
+    slave, work_J, largest_J = world.slave, 0.0, 0.0
+    for tick in range(2000):
+        came_m = 0.02 * T * max(0, tick - 1500)
+        slave.surface = 0.0137 - came_m
+        if slave.contact_id and tick > 1500:
+            slave.model = ModelMessage(
+                "kelvin-voigt", tick, slave.contact_id, slave.surface, k=3600.0, b=20.0,
+                surface_velocity=-0.02, time_s=T * tick,
+            )  # fmt: skip
+        world.step()
+        before_J, work_J = work_J, world.master.observer.surface_J
+        largest_J = max(largest_J, work_J - before_J)
+    return 1e3 * largest_J / T
+
+
+def test_a_rendered_surface_has_no_more_power_on_the_hand_than_its_key_says() -> None:
+    assert largest_power(1e6) > 500.0
+    assert largest_power(100.0) == pytest.approx(100.0, rel=0.05)
+    assert largest_power(0.0) == 0.0
 
 
 def test_a_motion_is_not_continued_for_longer_than_it_was_seen() -> None:
