@@ -26,7 +26,7 @@ settings.load_profile("same draws")
 MANY_TEXTS = 100
 
 LONGEST = (
-    *("trial/test_close_loop", "test_campaign_hands", "test_package"),
+    *("trial/test_close_loop", "test_drawn_hands", "test_package"),
     *("trial/test_lockstep_trial", "study/test_delay", "view/test_run_report"),
     *("test_offline_commands", "drivers/test_drivetrain", "trial/test_close_loop_command"),
     *("view/test_pages_in_browser", "view/test_in_browser", "view/test_live_served", "test_jit"),
@@ -34,7 +34,7 @@ LONGEST = (
     *("master/test_closed_loop", "faults/test_every_row", "trial/test_any_hand"),
     *("study/test_studies", "drivers/test_actuator_handles", "test_schema", "study/test_chapter4"),
     *("slave/test_first_contact_with_slave", "master/test_hand_from_outside", "api/test_notebook"),
-    *("trial/test_breathing", "trial/test_exit_code"),
+    *("test_campaign_hands", "trial/test_breathing", "trial/test_exit_code"),
     *("diagnosis/test_foreign", "diagnosis/test_diagnose", "diagnosis/test_surface"),
     *("diagnosis/test_steps", "diagnosis/test_measured", "diagnosis/test_second"),
     *("diagnosis/test_discrepancy", "diagnosis/test_reading", "diagnosis/test_filtered"),
