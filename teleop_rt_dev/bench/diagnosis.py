@@ -27,6 +27,7 @@ OTHERS = ("stress_relaxation", "channel_delay", "backlash", "second_layer", "hys
           "force_saturation")  # fmt: skip
 NULLS = 6
 _LEAST_SHARE = 0.01
+"""Share of the force from which on an effect that was added counts as named."""
 _YARDSTICK_ROUNDS = 1000  # about 0.15 s
 
 

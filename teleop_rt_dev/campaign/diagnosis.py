@@ -47,6 +47,7 @@ PAIRS = (
 )  # fmt: skip
 """Effects that move the contact come first, as in a rig: damping in free air is no pair."""
 ENCODER_STEP_M = 5e-6
+"""As the generator of the records rounds its positions."""
 SHARES = {
     "null": 0.35, "single": 0.25, "pair": 0.1, "stranger": 0.1, "sinusoid": 0.1, "interval": 0.1,
 }  # fmt: skip

@@ -35,6 +35,7 @@ EFFECTS = (
     "tool_inertia",
 )  # fmt: skip
 BAR = 0.8
+"""Share of the error that the true effect takes, which a draft has to take."""
 LEAST_TAKEN = 0.1  # of the base's error: where the true effect takes less, no draft can be judged
 MATERIAL, SIZE, NOISE = "silicone", 0.15, 0.01  # of the force's deviation
 SECONDS, FADE_S = 6.0, 0.25

@@ -43,6 +43,7 @@ from teleop_rt_dev.paths import ROOT
 
 KEYS = ROOT / "teleop_rt_dev" / "diagnosis" / "measured_keys.yaml"
 LARGEST_CLASS = 3
+"""Candidates of an answer; one that lists more is of no use, though the right one is first."""
 LOWERED = 0.9  # of the base's error: an answer that leaves more than this helps nobody
 HALVED = 0.5  # of the base's error: where the rival gets below, silence is of no use
 REFUSED_RATIO = 2.0  # an answer without an error counts as twice the rival's

@@ -31,6 +31,7 @@ ABOVE_NOISE = (
 OF_RIG = {"canopen_drive": ABOVE_NOISE}
 K_PERCENT, SURFACE_MM = 3.0, 0.5
 INTERVAL = 1.96
+"""Standard deviations: half of an interval with 95 % of a normal distribution."""
 HEAD = ("rig", "k [N/m]", "b [N s/m]", "true k, b inside", "surface [mm]", "felt NRMSE", "fault")
 
 

@@ -19,6 +19,7 @@ from typing import Any
 from teleop_rt_dev.service.stop_lab import BUSY, StopLab
 
 ALLOWED_MS = 50.0
+"""Below the watchdogs of the simulated drives, which stop by themselves after 60 ms."""
 
 
 def main(arguments: list[str]) -> int:

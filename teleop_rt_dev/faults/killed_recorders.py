@@ -27,6 +27,7 @@ from teleop_rt_dev.faults.table import result
 
 KILLED_RECORDERS = "recorder killed: lost of its file"
 MOST_LOST_MS = 150
+"""Three of the recorder's periods: it waits for one, writes in the next, and may be late."""
 STAMP, TICK = columns(SLAVE)["stamp_ns"], columns(SLAVE)["tick"]
 METADATA = {
     ONLINE: {"position_unit": "m", "force_unit": "N"},

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import DeviceName
 
 MOST_GROWTH_KIB = 4096
+"""Room for the allocator; a leak of 100 bytes a tick is 6 MB in a minute at 1 kHz."""
 DEVICES: tuple[DeviceName, ...] = ("encoder", "force sensor", "drive")
 FAULTS = ("mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "reset", "emergency")
 

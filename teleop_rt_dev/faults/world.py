@@ -22,7 +22,9 @@ PERIOD_NS = 1_000_000
 Phase = Literal["arming", "approach", "contact", "release"]
 PHASES: tuple[Phase, ...] = ("arming", "approach", "contact", "release")
 LONGEST_WAY_MS = 8000
+"""Simulated time after which what a test waits for does not come any more."""
 WATCHDOG_MS = 3000
+"""As WatchdogSec of the unit in config/systemd."""
 """WatchdogSec of the systemd unit."""
 _QUICK = (
     "operator.lift_off_every_s=1.0",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 Complex = NDArray[np.complex128]
 SUBSTEPS, TONES, HALVINGS = 50, 60, 11
 MOST_DAMPING = 200.0
+"""Where the search of the best damping [N s/m] ends."""
 
 
 def forces(z: complex, latency: float, lag: float) -> Complex:

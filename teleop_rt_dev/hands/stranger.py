@@ -38,9 +38,13 @@ DECAYING = 0.95
 IDEAL_SHARE = 0.7
 """A hand that makes swings of this size against an ideal wall makes those that were seen."""
 SAME_PITCH = 1.5
+"""Ratio of two frequencies up to which the hand's own swings explain those that were seen."""
 SHORTEST = 100
+"""Samples: a shorter motion holds no five swings at most of the frequencies looked at."""
 CHANCES = 6
+"""Tremors drawn for the hand at an ideal wall: one of them must explain what was seen."""
 SUBSTEPS = 40
+"""Steps of the ideal motion in each period."""
 INTENTION = (
     "start_m", "approach_speed_m_per_s", "mean_m", "amplitude_m", "frequency_hz", "felt_force_N",
     "lift_off_every_s", "lift_off_height_m",
