@@ -81,6 +81,15 @@ def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
     return ring
 
 
+def published(session: Path, known: set[Path]) -> Iterator[tuple[str, list[Signal], Path]]:
+    """Yield topic, table and ring of each description that is not yet `known`, and add it there."""
+    for path in sorted(set(session.glob("*.topic")) - known):
+        description = json.loads(path.read_text(encoding="utf-8"))
+        known.add(path)
+        table = [Signal(**signal) for signal in description["signals"]]
+        yield description["topic"], table, path.with_suffix(".ring")
+
+
 def describe(session: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
     """Describe the run for readers of the rings, as the metadata of a recording do."""
     leave(session / METADATA, metadata)
@@ -140,6 +149,7 @@ class Recorder:
         self._session = session
         self.writer = writer
         self._watchers = watchers or {}
+        self._known: set[Path] = set()
         self._readers: dict[str, RingReader] = {}
         self._refused: dict[str, int] = {}
         before = found(session / RECORDER_STATE) or {"dropped": {}, "recorded": {}}
@@ -148,13 +158,8 @@ class Recorder:
 
     def discover(self) -> None:
         """Take in topics that were published since the last call."""
-        for path in sorted(self._session.glob("*.topic")):
-            description = json.loads(path.read_text(encoding="utf-8"))
-            if description["topic"] in self._readers:
-                continue
-            table = [Signal(**signal) for signal in description["signals"]]
-            topic = description["topic"]
-            reader = self._readers[topic] = RingReader(path.with_suffix(".ring"))
+        for topic, table, ring in published(self._session, self._known):
+            reader = self._readers[topic] = RingReader(ring)
             reader.go_on_after(self._recorded.get(topic, 0))
             self._refused[topic] = 0
             self.writer.add_topic(topic, table)

@@ -22,7 +22,7 @@ from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.realtime.reading import read_messages, read_metadata
 from teleop_rt.realtime.recording import ONLINE, RUN
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import PREFIX, description
+from teleop_rt.realtime.session import PREFIX, description, published
 from teleop_rt.service.place import places
 from teleop_rt.trial.folder import recording_of
 from teleop_rt.view.live.playback import Playback
@@ -75,6 +75,7 @@ class RingSource:
         self.name = "live"
         self._find = find
         self._session = find()
+        self._known: set[Path] = set()
         self._readers: dict[str, tuple[RingReader, list[str]]] = {}
 
     def about(self) -> About | None:
@@ -107,12 +108,9 @@ class RingSource:
         return slave is not None and slave[0].closed
 
     def _discover(self) -> None:
-        for path in sorted(self._session.glob("*.topic")) if self._session else ():
-            described = json.loads(path.read_text(encoding="utf-8"))
-            ring = path.with_suffix(".ring")
-            if described["topic"] not in self._readers and ring.exists():
-                names = [signal["name"] for signal in described["signals"]]
-                self._readers[described["topic"]] = RingReader(ring), names
+        for topic, table, ring in published(self._session, self._known) if self._session else ():
+            if ring.exists():
+                self._readers[topic] = RingReader(ring), [signal.name for signal in table]
 
 
 class RecordingSource:
