@@ -34,7 +34,7 @@ LONGEST = (
     *("master/test_closed_loop", "faults/test_every_row", "trial/test_any_hand"),
     *("study/test_studies", "drivers/test_actuator_handles", "test_schema", "study/test_chapter4"),
     *("slave/test_first_contact_with_slave", "master/test_hand_from_outside", "api/test_notebook"),
-    *("test_campaign_hands", "trial/test_breathing", "trial/test_exit_code"),
+    *("test_same_hand", "trial/test_breathing", "trial/test_exit_code"),
     *("diagnosis/test_foreign", "diagnosis/test_diagnose", "diagnosis/test_surface"),
     *("diagnosis/test_steps", "diagnosis/test_measured", "diagnosis/test_second"),
     *("diagnosis/test_discrepancy", "diagnosis/test_reading", "diagnosis/test_filtered"),

@@ -263,13 +263,16 @@ def state_of(process: int) -> bytes:
 def test_a_run_with_a_simulated_handle_says_what_the_handle_truly_did(tmp_path):
     """It ended with handle_device: the first tick took longer than a node may be silent."""
     trial = SILICONE.with_name("handle.yaml")
-    arguments = ("--duration", 3, "--out", tmp_path, "--json", "--set", "link.round_trip_ms=0")
-    whole = command("run", trial, *arguments)
-    done = subprocess.run(whole, check=False, capture_output=True, text=True)
+    out = tmp_path / "run"
+    arguments = ("--duration", 3, "--out", out, "--json", "--set", "link.round_trip_ms=0")
+    done = subprocess.run(
+        command("run", trial, *arguments), env=without_report(tmp_path),
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    truth = json.loads((tmp_path / "truth.json").read_text())
+    truth = json.loads((out / "truth.json").read_text())
     assert truth["environment"]["stiffness"] == 3600.0
-    recorded = read_topics(tmp_path / "recording.mcap", ["/truth/handle"])["/truth/handle"]
+    recorded = read_topics(out / "recording.mcap", ["/truth/handle"])["/truth/handle"]
     assert recorded["position"].max() > 0.0137
     assert truth["handle"]["energy_J"] == pytest.approx(recorded["hand_energy"][-1], abs=0.05)
     assert json.loads(done.stdout)["master"]["true_port"]["motor_nrmse"] < 0.1
