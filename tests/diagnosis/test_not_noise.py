@@ -1,4 +1,4 @@
-"""Forces that pass for noise by their spectrum, but repeat, wait for a speed, or jump."""
+"""Forces that pass for noise by their spectrum, but repeat, wait for a speed, jump, or kick."""
 
 from __future__ import annotations
 
@@ -78,6 +78,17 @@ def test_a_force_that_jumps_between_two_levels_is_no_noise(seed: int) -> None:
     verdict, notes = _judged(_recorded(_swung(), 0.1 * (-1.0) ** np.cumsum(flips), seed))
     assert verdict == "unexplained"
     assert "jumps between two levels" in notes
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13, 14])
+def test_pulses_at_moments_of_their_own_are_no_noise(seed: int) -> None:
+    rng, pulses = np.random.default_rng(200 + seed), np.zeros(_T.size)
+    for at in rng.uniform(0.0, _T[-1], 18):
+        since = np.maximum(0.0, _T - at) / rng.uniform(0.03, 0.1)
+        pulses += rng.uniform(0.03, 0.08) * since * np.exp(1.0 - since)
+    verdict, notes = _judged(_recorded(_swung(), pulses, seed))
+    assert verdict == "unexplained"
+    assert "lies to one side" in notes
 
 
 def _red(seed: int) -> Row:

@@ -1,8 +1,9 @@
 """Residuals that have the spectrum of noise, but not its other properties.
 
 A spectrum does not see phases. A force that depends on the place alone, a chatter that comes with
-slow motion, or a contact that is loose now and then passes for noise of that colour. Noise does not
-repeat where the tool passes again, does not wait for a speed, and is about Gaussian.
+slow motion, a contact that is loose now and then, or a body that kicks passes for noise of that
+colour. Noise does not repeat where the tool passes again, does not wait for a speed, and is about
+Gaussian.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ _FEWEST_PLACES = 30  # passed in both halves; of fewer a correlation says little
 _REPEATED = 0.7  # correlation of both halves: half of the variance repeats
 _SPEEDS = 6  # groups of samples, from the slowest to the fastest
 _LEVEL_RATIO = 3.0  # of deviations between groups, beyond that of noise; sensors' grow by less
+_SKEWED, _SKEW_RATIO = 0.5, 2.0  # at least, and over that of draws; a row of pulses has 1 to 2
 _FLATTEST = 1.8  # kurtosis of an even distribution; one of two levels has 1, Gaussian noise 3
 
 
@@ -30,11 +32,13 @@ class Signature(NamedTuple):
     """The properties that distinguish a residual from noise of its spectrum.
 
     `repeats` is the correlation of its halves by place, `level_ratio` the largest deviation of a
-    group of speeds over the smallest, `flatness` the kurtosis.
+    group of speeds over the smallest, `skew` how far it lies to one side, without its sign, and
+    `flatness` the kurtosis.
     """
 
     repeats: float
     level_ratio: float
+    skew: float
     flatness: float
 
 
@@ -48,7 +52,7 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     residual = problem.force - force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     seen = _signature(residual, problem.motion, used)
     drawn = [_signature(row, problem.motion, used) for row in _draws(problem, fit, errors)]
-    repeats, level_ratio, flatness = (np.array(values) for values in zip(*drawn, strict=True))
+    repeats, level_ratio, skew, flatness = (np.array(values) for values in zip(*drawn, strict=True))
     found = []
     if seen.repeats > max(_REPEATED, float(np.max(repeats))):
         found.append(
@@ -60,6 +64,12 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
         found.append(
             "what the base leaves looks like noise, but its level depends on the speed, by a factor"
             f" of {seen.level_ratio:.2g}: chatter, stick-slip or vibration of the drive, no sensor"
+        )
+    if seen.skew > max(_SKEWED, _SKEW_RATIO * float(np.max(skew))):
+        found.append(
+            "what the base leaves has the spectrum of noise, but lies to one side: pulses of force"
+            " at some moments, such as a muscle's, a valve's or a knock; the figure of the residual"
+            " shows when"
         )
     if seen.flatness < min(_FLATTEST, float(np.min(flatness))):
         found.append(
@@ -82,6 +92,7 @@ def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> 
     return Signature(
         _repeats(rest, motion.x[used]),
         _level_ratio(rest, np.abs(motion.v[used])),
+        abs(float(np.mean(rest**3))) / power**1.5,
         float(np.mean(rest**4)) / power**2,
     )
 
