@@ -19,6 +19,8 @@ _SATURATED_SHARE, _BENT_SHARE = 0.97, 0.8
 """The share of a level from which a force is masked: one that clips, and one that bends softly."""
 _OUTLYING = 8.0
 """Noises by which a force may differ from the line through the last two."""
+_FADED = 0.01
+"""Share of the largest depth below which a slow channel shows nothing of a contact that is over."""
 _MOST_OUTLIERS = 3
 """More of them in a row are no outliers."""
 
@@ -62,6 +64,7 @@ class Corrections:
         self._last = self._before = math.nan
         self._outliers = 0
         self._position = math.nan
+        self._deepest = 0.0
 
     def apply(self, position: float, force: float, surface: float) -> float:
         """Return the position of the tip, as slow as the force; `surface` may be not-a-number.
@@ -81,11 +84,20 @@ class Corrections:
             value = one.effect.step(state, depth, rate, 0.0, self._time_s, self._period_s, one.eta)
             self.shift += one.amplitude * value
         position += self.shift - self._bending * force
+        if not self._slow:
+            return position
+        return self._slowed(position, rate, surface if met else position)
+
+    def _slowed(self, position: float, rate: float, surface: float) -> float:
+        """Return a position as slow as the force: the depth through the channel's own filters.
+
+        A body presses from its surface on, so what a slow channel shows of the way to it is none.
+        """
+        depth = max(0.0, position - surface)
         for one, state in zip(self._slow, self._states[len(self._moving) :], strict=True):
-            position = one.effect.step(
-                state, position, rate, 0.0, self._time_s, self._period_s, one.eta
-            )
-        return position
+            depth = one.effect.step(state, depth, rate, 0.0, self._time_s, self._period_s, one.eta)
+        deepest = self._deepest = max(self._deepest, depth)
+        return surface + depth if depth > _FADED * deepest or position > surface else position
 
     def counts(self, force: float) -> bool:
         """Return whether a force may be used: neither saturated nor an outlier."""

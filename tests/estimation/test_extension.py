@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from teleop_rt.contact.fitted import ExtendedModelError
+from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
@@ -132,10 +133,15 @@ def played(gap):
     return tip + 0.5 * gap * ahead, force, valid
 
 
+def slow_of(bandwidth):
+    """Return the coefficients of a first-order low-pass [Hz] at 1 kHz."""
+    decay = np.exp(-2 * np.pi * bandwidth * 1e-3)
+    return [1 - decay], [1, -decay]
+
+
 def slow(bandwidth):
     position, force, valid = record(PRESS, kelvin_voigt, lag=0.0)
-    decay = np.exp(-2 * np.pi * bandwidth * 1e-3)
-    return position, lfilter([1 - decay], [1, -decay], force), valid
+    return position, lfilter(*slow_of(bandwidth), force), valid
 
 
 COMPLIANCE = ("series_compliance", "", {"compliance": 5e-5})
@@ -180,6 +186,16 @@ def test_what_spoils_the_samples_no_longer_spoils_the_estimate(samples, effect, 
     assert errors[1] < 0.5 * errors[0]
     assert errors[1] < 0.05
     assert (cured.masked > 0) == (effect in (LEVEL, SPARKS))
+
+
+def test_a_slow_channel_shows_a_tap_without_the_way_to_it():
+    """With the way to the surface in it, the position belonged to a force 1.4 N below, of 18 N."""
+    tap_m = 5e-3 * np.sin(2 * np.pi * 3.0 * np.arange(2000) * 1e-3)
+    force = 3600.0 * lfilter(*slow_of(15.0), np.maximum(0.0, tap_m))
+    extension = extension_from("model.yaml", document(SLOW))
+    corrections = Corrections(extension.corrections, 1e-3, 0.01)
+    tip_m = np.array([corrections.apply(x, f, 0.0) for x, f in zip(tap_m, force, strict=True)])
+    assert np.max(np.abs(3600.0 * np.maximum(0.0, tip_m) - force)) < 0.05 * np.max(force)
 
 
 def hysteretic(x, v):
