@@ -29,6 +29,7 @@ from teleop_rt.diagnosis.noise.structure import pressed_all_along
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.motion import resolution_step
 from teleop_rt.diagnosis.samples.preparation import lone_samples, pose_again
 from teleop_rt.diagnosis.samples.rows import OUTLIERS
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
@@ -94,7 +95,8 @@ def _detectable(
     named = named.union(*answer["class"])
     pressed = pressed_all_along(problem)
     library = applicable(effects, recording, weighed.base.model.base, pressed=pressed)
-    sizes = detectable(problem, weighed.base, weighed.input_errors, library, recording.units)
+    step = resolution_step(recording.position, recording.dt)
+    sizes = detectable(problem, weighed.base, weighed.input_errors, library, recording.units, step)
     return [one for one in sizes if one["name"] not in named]
 
 

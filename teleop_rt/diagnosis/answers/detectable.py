@@ -22,6 +22,7 @@ from teleop_rt.diagnosis.criteria import CERTAIN_BIC, DOUBT_WEIGHT, ENCODER_ENER
 from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
 from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
+from teleop_rt.diagnosis.noise.encoder import force_of_a_step
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.noise.whiten import Matrix
 
@@ -32,15 +33,21 @@ _UNSEEN = 1e-9  # of a column's length; a smaller part outside the base is a rou
 
 
 def detectable(
-    problem: Problem, base: Fit, floor: Matrix, effects: Sequence[Effect], units: tuple[str, str]
+    problem: Problem,
+    base: Fit,
+    floor: Matrix,
+    effects: Sequence[Effect],
+    units: tuple[str, str],
+    step: float = 0.0,
 ) -> list[dict[str, Any]]:
     """Return per effect, by its first law, the size that is detected with probability 0.95.
 
-    `floor` are whitened force errors of the encoder (draws x values). `size` is None where no size
-    within the effect's bounds would. Effects whose size is no amplitude (lags, limits) are left
-    out.
+    `floor` are whitened force errors of the encoder (draws x values), `step` is its step [rig
+    unit], within which the surface is free. `size` is None where no size within the effect's bounds
+    would. Effects whose size is no amplitude (lags, limits) are left out.
     """
     own = tangent_space(problem, base)
+    shift = force_of_a_step(problem, base, step, own)
     left = lack_of_fit(problem, base, own)
     doubted = left.noise_per_direction * (1.0 + DOUBT_WEIGHT * left.doubt)
     found = []
@@ -50,7 +57,7 @@ def detectable(
         parameters = 1 + len(effect.shapes)
         least = doubted * (CERTAIN_BIC + parameters * float(np.log(problem.whitener.effective)))
         sizes = [
-            (_size(column, own, floor, least, left.noise_per_direction), eta)
+            (_size(column, own, shift, floor, least, left.noise_per_direction), eta)
             for eta, column in _columns(problem, base, effect)
         ]
         size, eta = max(sizes, key=lambda one: one[0], default=(np.inf, np.zeros(0)))
@@ -68,10 +75,13 @@ def detectable(
     return sorted(found, key=lambda one: str(one["name"]))
 
 
-def _size(columns: Matrix, own: Matrix, floor: Matrix, least: float, chance: float) -> float:
+def _size(
+    columns: Matrix, own: Matrix, shift: Vector, floor: Matrix, least: float, chance: float
+) -> float:
     """Return the amplitude at which whitened columns (1 or 2 x values) are detected at 0.95.
 
-    For two columns (the phases of one effect), the direction that is harder to detect counts.
+    For two columns (the phases of one effect), the direction that is harder to detect counts. What
+    a `shift` of the surface by up to one step takes is not detected.
     """
     beyond = columns - (columns @ own) @ own.T
     _, lengths, directions = np.linalg.svd(beyond, full_matrices=False)
@@ -79,7 +89,22 @@ def _size(columns: Matrix, own: Matrix, floor: Matrix, least: float, chance: flo
         return float(np.inf)
     along = float(np.mean((floor @ directions[-1]) ** 2)) if floor.size else 0.0
     threshold = np.sqrt(max(least, ENCODER_ENERGY_RATIO * along))
-    return float((threshold + POWER_SIGMAS * np.sqrt(chance + along)) / lengths[-1])
+    wanted = float(threshold + POWER_SIGMAS * np.sqrt(chance + along))
+    left = _beside(abs(float(shift @ directions[-1])), float(shift @ shift), wanted)
+    return left / float(lengths[-1])
+
+
+def _beside(along: float, energy: float, wanted: float) -> float:
+    """Return the length of which `wanted` is left when a shift has taken what it can.
+
+    The shift has this `energy`, and so much `along` the direction of the length.
+    """
+    if along == 0.0:
+        return wanted
+    free = wanted / np.sqrt(max(1.0 - along**2 / energy, 1e-12))
+    if free * along <= energy:
+        return float(free)
+    return float(along + np.sqrt(max(along**2 - energy + wanted**2, 0.0)))
 
 
 def _columns(problem: Problem, base: Fit, effect: Effect) -> Iterator[tuple[Vector, Matrix]]:

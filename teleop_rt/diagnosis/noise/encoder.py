@@ -210,17 +210,24 @@ def within_a_step(problem: Problem, fit: Fit, step: float, own: Matrix) -> Fit:
     than one that rounds. This shift is no effect, however large its evidence. `own` is the fit's
     tangent space.
     """
-    if step <= 0.0 or not fit.model.base.touches:
+    free = force_of_a_step(problem, fit, step, own)
+    energy = float(free @ free)
+    if energy == 0.0:
         return fit
+    share = float(np.clip(free @ fit.residual / energy, -1.0, 1.0))
+    return replace(fit, residual=fit.residual - share * free)
+
+
+def force_of_a_step(problem: Problem, fit: Fit, step: float, own: Matrix) -> Vector:
+    """Return the whitened force by which one encoder step of the surface differs, beside `own`."""
     motion = problem.motion
+    if step <= 0.0 or not fit.model.base.touches:
+        return np.zeros_like(fit.residual)
     force, nearer = (
         force_of(fit.model, place, fit.zeta, fit.theta)
         for place in (motion, replace(motion, x=motion.x + step))
     )
     row = problem.whitener((nearer - force)[None, :])[0]
     free = row - own @ (own.T @ row)
-    energy = float(free @ free)
-    if energy <= 1e-8 * float(row @ row):
-        return fit
-    share = float(np.clip(free @ fit.residual / energy, -1.0, 1.0))
-    return replace(fit, residual=fit.residual - share * free)
+    known = float(free @ free) > 1e-8 * float(row @ row)
+    return np.asarray(free if known else np.zeros_like(free))
