@@ -1,4 +1,4 @@
-"""A body that is fixed to the tool pulls as well as pushes, and has no surface."""
+"""A body that is fixed to the tool pulls as well as pushes, and has no surface; others are left."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
-from teleop_rt.diagnosis.samples.held import is_held
+from teleop_rt.diagnosis.samples.held import is_held, is_left
 
 DT_S = 2e-3
 T_S = DT_S * np.arange(4000)
@@ -49,6 +49,25 @@ def test_a_body_that_is_left_is_not_held_wherever_its_surface_is() -> None:
 
 def test_the_surface_that_is_given_is_kept() -> None:
     assert diagnose(bolted(), surface=-0.02).base.model.base.name == "kelvin-voigt"
+
+
+@pytest.mark.parametrize("surface", [-6e-3, -1e-3, 4e-3])
+@pytest.mark.parametrize(("base", "bias"), [("spring,viscous", 0.0), ("spring,viscous,bias", 0.8)])
+def test_terms_of_a_body_that_is_left_are_those_of_contact(
+    base: str, bias: float, surface: float
+) -> None:
+    """The free air beyond the surface was named a second layer, with a tenth of the error left."""
+    answer = diagnose(pressed(surface, bias), base).answer
+    assert answer["verdict"] == "no_missing_effect"
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(350.0, rel=0.02)
+    assert any("leaves the body" in note for note in answer["notes"])
+
+
+@pytest.mark.parametrize("zero", [-4e-3, 0.0, 4e-3])
+def test_a_body_that_stiffens_on_both_sides_or_yields_on_one_is_not_left(zero: float) -> None:
+    x = X_M - zero
+    for force in (350.0 * x + 1e7 * x**3, 700.0 * x * np.where(x > 0.0, 1.0, 0.4)):
+        assert not is_left(recorded(force + 5.0 * np.gradient(X_M, DT_S)))
 
 
 def _far_from_zero(effect: str, zero_m: float) -> Recording:

@@ -11,7 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.held import HELD
+from teleop_rt.diagnosis.samples.held import HELD, LEFT
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.rows import stretches
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
@@ -64,9 +64,11 @@ def _of_surface(base: Base, recording: Recording, surface: float | None) -> list
     return [note] if note else []
 
 
-def _of_held_body(base: Base, stated: str) -> list[str]:
-    """Return the note on a base that was exchanged because the body is fixed to the tool."""
-    return [HELD.format(base=base.name)] if base_of(stated).touches and not base.touches else []
+def _of_other_contact(base: Base, stated: str) -> list[str]:
+    """Return the note on a base that was exchanged: the body is fixed to the tool, or is left."""
+    if base.touches == base_of(stated).touches:
+        return []
+    return [(LEFT if base.touches else HELD).format(base=base.name)]
 
 
 def notes_of(
@@ -81,7 +83,7 @@ def notes_of(
 
     `stated` is the base and `surface` the place that the caller gave, None without one.
     """
-    found = _of_held_body(base, stated) + _of_surface(base, recording, surface)
+    found = _of_other_contact(base, stated) + _of_surface(base, recording, surface)
     stiffness = answer["base"]["parameters"].get("k", {"value": None})["value"]
     if stiffness is not None and not base.has_power:
         travel = float(np.ptp(recording.position))

@@ -32,7 +32,13 @@ from teleop_rt.diagnosis.noise.not_noise import not_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.held import SURE_PULL, bilateral, is_held
+from teleop_rt.diagnosis.samples.held import (
+    SURE_PULL,
+    bilateral,
+    is_held,
+    is_left,
+    unilateral,
+)
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose
@@ -84,11 +90,17 @@ def _views(
     """Give the views of the contact, likeliest first, each a base and its surface.
 
     If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
-    weight. A body that pulls only a little is taken for one that the tool leaves first.
+    weight. A body that pulls only a little is taken for one that the tool leaves first. A base
+    without contact is that of contact where the tool leaves the body.
     """
     stated: tuple[Base, float | Surface | None] = base, surface
     held = bilateral(base) if base.touches else None
-    if surface is not None or recording.surface is not None or not base.touches:
+    if surface is not None or recording.surface is not None:
+        yield stated
+    elif not base.touches:
+        touching = unilateral(base)
+        if touching is not None and is_left(recording):
+            yield touching, None
         yield stated
     elif held is not None and is_held(recording):
         both = [stated, (held, None)]

@@ -1,9 +1,16 @@
-"""Detection of a body that is fixed to the tool: it pulls as well as pushes, and is never left."""
+"""Detection of a body that is fixed to the tool, and of one that the tool leaves.
+
+A body that is fixed pulls as well as pushes, and its force has a slope everywhere. A body that is
+left only pushes, and beyond its surface the force does not depend on the motion.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.recordings.recording import Recording
@@ -16,14 +23,24 @@ HELD = (
     " so the base is {base}, in which a bias and a rest position are one; if the body only pushes,"
     " give its place with --surface"
 )
+LEFT = (
+    "the tool leaves the body: beyond a surface the force does not depend on the motion, so the"
+    " base is {base}, which only pushes; for a body that is fixed to the tool, give the place at"
+    " which its force is zero with --surface"
+)
 LEAST_PULL = 0.1  # of the force's range; less is a bias, or a little friction or adhesion
 SURE_PULL = 0.2  # of the same; less may be the friction of an axis that leaves the body
 _SLOPE_RATIO = 0.2  # of the stiffness above a surface; in free air guides and cables have less
 _PLACES = 19  # surfaces tried, from 5 to 95 % of the samples
+_LEFT_RATIO = 0.5  # energy that a force without slope beyond a surface leaves, over that of a line
+_LEFT_PLACES, _NEARER_PLACES = 49, 9  # surfaces tried for it, and then around the best
+_MOST_SAMPLES = 4000  # of a recording; more are decimated, to save time
 _BILATERAL = {
     "kelvin-voigt": "spring,viscous,bias",
     "mass-spring-damper": "mass,spring,viscous,bias",
 }
+_IN_CONTACT = {"spring": "stiffness", "viscous": "damping", "bias": "bias"}
+"""Terms of a body that is fixed to the tool, and those of one that is left."""
 
 
 def bilateral(base: Base) -> Base | None:
@@ -43,15 +60,82 @@ def is_held(recording: Recording, least_pull: float = LEAST_PULL) -> bool:
     low, high = bulk(force)
     if min(-low, high) < least_pull * (high - low):
         return False
-    half = half_window(recording.position, recording.dt, 1)
-    x, v, _ = differentiate(recording.position, recording.dt, half)
-    fits = []
-    for surface in np.quantile(x, np.linspace(0.05, 0.95, _PLACES)):
-        depth = x - surface
+    parts = _Parts.of(recording, force)
+    place = parts.best(np.quantile(parts.x, np.linspace(0.05, 0.95, _PLACES)))
+    below, above = parts.slopes(place)
+    return min(below, above) > _SLOPE_RATIO * max(below, above)
+
+
+def unilateral(base: Base) -> Base | None:
+    """Return the base of the same body where the tool leaves it, None if there is none."""
+    names = [_IN_CONTACT.get(name, "") for name in base.name.split(",")]
+    if "stiffness" not in names or not all(names):
+        return None
+    joined = ",".join(names)
+    return base_of("kelvin-voigt" if joined == "stiffness,damping" else joined)
+
+
+def is_left(recording: Recording) -> bool:
+    """Return whether the tool leaves the body, whose base states no contact.
+
+    A force that has no slope beyond the best surface then leaves much less than one straight line,
+    the part beyond has next to none if it may have one, and it is near the least force.
+    """
+    force = without_lone(recording.force)
+    parts = _Parts.of(recording, force)
+    place = parts.best(np.quantile(parts.x, np.linspace(0.02, 0.98, _LEFT_PLACES)))
+    near = 0.03 * float(np.ptp(parts.x))
+    place = parts.best(np.linspace(place - near, place + near, _NEARER_PLACES))
+    below, above = parts.slopes(place)
+    low, high = bulk(force)
+    in_air = parts.force[parts.x <= place]
+    if not in_air.size or float(np.mean(in_air)) - low > SURE_PULL * (high - low):
+        return False
+    even = abs(below) < _LEFT_RATIO**2 * above
+    return even and parts.without_slope_below(place) < _LEFT_RATIO * parts.as_one_line()
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Fits of a force (samples,) by straight parts, on either side of a surface."""
+
+    x: Vector
+    v: Vector
+    force: Vector
+
+    @classmethod
+    def of(cls, recording: Recording, force: Vector) -> _Parts:
+        half = half_window(recording.position, recording.dt, 1)
+        x, v, _ = differentiate(recording.position, recording.dt, half)
+        step = max(1, force.size // _MOST_SAMPLES)
+        return cls(x[::step], v[::step], force[::step])
+
+    def _fit(self, *rows: Vector) -> tuple[float, Vector]:
+        matrix = np.array([*rows, np.ones_like(self.x)])
+        theta = np.linalg.lstsq(matrix.T, self.force, rcond=None)[0]
+        rest = self.force - theta @ matrix
+        return float(rest @ rest), np.asarray(theta)
+
+    def _in_two(self, place: float) -> tuple[float, Vector]:
+        depth = self.x - place
         inside = touches(depth)
-        rows = np.array([np.minimum(depth, 0.0), np.maximum(depth, 0.0),
-                         v * ~inside, v * inside, np.ones_like(x)])  # fmt: skip
-        theta, energy, *_ = np.linalg.lstsq(rows.T, force, rcond=None)
-        fits.append((float(np.sum(energy)), theta[0], theta[1]))
-    _, below, above = min(fits)
-    return bool(min(below, above) > _SLOPE_RATIO * max(below, above))
+        return self._fit(np.minimum(depth, 0.0), np.maximum(depth, 0.0),
+                         self.v * ~inside, self.v * inside)  # fmt: skip
+
+    def best(self, places: Vector) -> float:
+        """Return the place that divides the force best."""
+        return float(min(places.tolist(), key=lambda place: self._in_two(place)[0]))
+
+    def slopes(self, place: float) -> tuple[float, float]:
+        """Return the slopes below and above a place."""
+        below, above, *_ = self._in_two(place)[1].tolist()
+        return below, above
+
+    def without_slope_below(self, place: float) -> float:
+        """Return the energy that a force leaves which depends on the motion above a place only."""
+        depth = np.maximum(self.x - place, 0.0)
+        return self._fit(depth, self.v * touches(depth))[0]
+
+    def as_one_line(self) -> float:
+        """Return the energy that one straight line leaves."""
+        return self._fit(self.x, self.v)[0]
