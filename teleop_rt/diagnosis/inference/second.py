@@ -19,6 +19,7 @@ from teleop_rt.diagnosis.criteria import (
     DOUBT_WEIGHT,
     ENCODER_ENERGY_RATIO,
     SECOND_SHARE,
+    SIGMAS,
 )
 from teleop_rt.diagnosis.inference.pairs import fit_without, without
 from teleop_rt.diagnosis.inference.tones import adds_tone
@@ -32,6 +33,10 @@ from teleop_rt.diagnosis.noise.whiten import Matrix
 _FORM_SIZES = (0.03, 0.1, 0.3)
 """Force that the form of a law misses, as shares of the law's own, the likeliest of which counts:
 published laws of one physics (Dahl, Bouc and Wen, Maxwell slip) differ by a tenth."""
+_REST_LEFT = 0.02
+"""Share of the structure beside its first effect that a pair leaves if the second one is no form
+error: partners that imitate form errors leave 0.2 to 0.9 of it, effects that are there 0.03 or
+less."""
 _SHORTEST_MEMORY = 5.0  # samples; a shorter delay shows nothing beside the noise
 _LONGEST_MEMORY = 1.0 / 3.0  # of the recording; a longer one is a drift
 _MEMORIES = 5  # time constants between the two, a few of them in each decade
@@ -63,10 +68,18 @@ def both_needed(
         return False
     # A single effect outside the pair that leaves less is the same claim with one name less.
     rival = min(singles.values(), key=lambda r: r.fit.bic)
+    if rival is best and _takes_the_rest(pair, best):
+        return True
     left = _Remainder.of(problem, pair, best, excess, floor)
     joint = left.criterion(problem, pair.fit)
     rivals = (best.fit,) if rival.fit is best.fit else (best.fit, rival.fit)
     return all(left.criterion(problem, fit) - joint > CERTAIN_BIC for fit in rivals)
+
+
+def _takes_the_rest(pair: Ranked, alone: Ranked) -> bool:
+    """Return whether a pair leaves next to nothing of the structure beside its first effect."""
+    most = pair.left.excess + SIGMAS * pair.left.deviation
+    return most < _REST_LEFT * alone.left.excess
 
 
 @dataclass(frozen=True)
