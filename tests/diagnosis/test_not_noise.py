@@ -61,6 +61,15 @@ def test_a_rough_track_that_each_pass_meets_again_is_no_noise(seed: int) -> None
     assert "repeats with the position" in notes
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_friction_at_one_place_is_no_noise(seed: int) -> None:
+    x, v = _stepped(seed)
+    sticky = 0.05 * np.exp(-(((x - np.median(x)) / 4e-5) ** 2)) * np.tanh(v / 1e-6)
+    verdict, notes = _judged(_recorded((x, v), sticky, seed))
+    assert verdict == "unexplained"
+    assert "repeats with the position" in notes
+
+
 @pytest.mark.parametrize("seed", [11, 12, 13])
 @pytest.mark.parametrize(("size_N", "width"), [(0.05, 0.5), (0.1, 1.0)])
 def test_a_chatter_of_slow_motion_is_no_noise(seed: int, size_N: float, width: float) -> None:

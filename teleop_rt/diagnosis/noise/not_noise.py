@@ -58,7 +58,8 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
         found.append(
             "what the base leaves repeats with the position (correlation of both halves of the"
             f" recording {seen.repeats:.2f}): a force along the travel that no effect describes,"
-            " such as a rough track or a drive's own; record its map, or draft a law for --effects"
+            " such as a rough track, a friction at one place or a drive's own; record its map, or"
+            " draft a law for --effects"
         )
     if seen.level_ratio > _LEVEL_RATIO * float(np.max(level_ratio)):
         found.append(
@@ -90,19 +91,28 @@ def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> 
     rest = row[used] - np.mean(row[used])
     power = max(float(np.mean(rest**2)), 1e-300)
     return Signature(
-        _repeats(rest, motion.x[used]),
+        _repeats(rest, motion.x[used], motion.v[used]),
         _level_ratio(rest, np.abs(motion.v[used])),
         abs(float(np.mean(rest**3))) / power**1.5,
         float(np.mean(rest**4)) / power**2,
     )
 
 
-def _repeats(rest: Vector, x: Vector) -> float:
-    """Return the correlation, over the places, of the means of the first and the second half."""
+def _repeats(rest: Vector, x: Vector, v: Vector) -> float:
+    """Return the correlation, over the places, of the means of the first and the second half.
+
+    The passes in both directions count together or apart, whichever correlates more: a friction at
+    one place changes its sign with them.
+    """
     place = np.digitize(x, np.linspace(np.min(x), np.max(x), _PLACES + 1)[1:-1])
+    return max(_halves_alike(rest, one) for one in (place, place + _PLACES * (v > 0.0)))
+
+
+def _halves_alike(rest: Vector, place: NDArray[np.int64]) -> float:
     halves = np.array_split(np.arange(rest.size), 2)
-    sums = np.array([np.bincount(place[half], rest[half], _PLACES) for half in halves])
-    counts = np.array([np.bincount(place[half], minlength=_PLACES) for half in halves])
+    size = 2 * _PLACES
+    sums = np.array([np.bincount(place[half], rest[half], size) for half in halves])
+    counts = np.array([np.bincount(place[half], minlength=size) for half in halves])
     both = np.all(counts > 0, axis=0)
     if np.count_nonzero(both) < _FEWEST_PLACES:
         return 0.0
