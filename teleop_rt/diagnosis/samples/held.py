@@ -32,7 +32,11 @@ LEAST_PULL = 0.1  # of the force's range; less is a bias, or a little friction o
 SURE_PULL = 0.2  # of the same; less may be the friction of an axis that leaves the body
 _SLOPE_RATIO = 0.2  # of the stiffness above a surface; in free air guides and cables have less
 _PLACES = 19  # surfaces tried, from 5 to 95 % of the samples
-_LEFT_RATIO = 0.5  # energy that a force without slope beyond a surface leaves, over that of a line
+_LEFT_RATIO = 0.6  # energy that a force without slope beyond a surface leaves, over that of a line
+_AIR_SLOPE, _AIR_FORCE = 0.35, 0.25
+"""Of the slope in contact, and of the force's range above its least: largest of free air, behind a
+slow sensor and beside other effects. Of 384 bodies that are fixed none has a ratio below 0.75 with
+these."""
 _LEFT_PLACES, _NEARER_PLACES = 49, 9  # surfaces tried for it, and then around the best
 _MOST_SAMPLES = 4000  # of a recording; more are decimated, to save time
 _BILATERAL = {
@@ -89,9 +93,9 @@ def is_left(recording: Recording) -> bool:
     below, above = parts.slopes(place)
     low, high = bulk(force)
     in_air = parts.force[parts.x <= place]
-    if not in_air.size or float(np.mean(in_air)) - low > SURE_PULL * (high - low):
+    if not in_air.size or float(np.mean(in_air)) - low > _AIR_FORCE * (high - low):
         return False
-    even = abs(below) < _LEFT_RATIO**2 * above
+    even = abs(below) < _AIR_SLOPE * above
     return even and parts.without_slope_below(place) < _LEFT_RATIO * parts.as_one_line()
 
 
