@@ -16,7 +16,7 @@ from teleop_rt.trial.late import on_hardware, privileges_text, stalls
 _GRADED = {
     "ran": "loop",
     "felt force: NRMSE": "felt_force",
-    "felt force: phantom": "phantom",
+    "felt force: in free air": "phantom",
     "surface: worst error": "surface",
     "model": "model",
     "link": "link",
@@ -132,10 +132,10 @@ def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str,
         phantom = "none"
         if felt["phantom_force"] > 0.0:
             most = _number(felt["phantom_force"], f" {units.force}", 3)
-            phantom = f"at most {most} where nothing is (at {felt['phantom_s']:.1f} s)"
+            phantom = f"at most {most} (at {felt['phantom_s']:.1f} s)"
         error = _number(felt["force_error"], f" {units.force}", 3)
-        largest = f"largest error {error} (at {felt['force_error_s']:.1f} s)"
-        yield "felt force: phantom", f"{phantom}; {largest}"
+        largest = f"largest error anywhere {error} (at {felt['force_error_s']:.1f} s)"
+        yield "felt force: in free air", f"{phantom}; {largest}"
     if met.get("surface_error") is not None:
         scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
         error = _number(scale * met["surface_error"], small, 3)
@@ -154,8 +154,8 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
     early = ", interrupted" if summary.get("interrupted") else ""
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
-    packets = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
-    refused = f"{link['overtaken']} overtaken by newer ones, {link['refused']} refused"
+    packets = f"of the master's packets {link['received']} came, {link['lost']} were lost"
+    refused = f"{link['overtaken']} came after a newer one, {link['refused']} were refused"
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         *_start_up(summary),
