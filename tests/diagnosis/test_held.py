@@ -63,6 +63,22 @@ def test_terms_of_a_body_that_is_left_are_those_of_contact(
     assert any("leaves the body" in note for note in answer["notes"])
 
 
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_a_bias_in_the_base_is_not_cut_where_the_body_would_pull(seed: int) -> None:
+    """The body lets go with a jump of its damping; a bias was named beside the base's own."""
+    rng, t = np.random.default_rng(seed), DT_S / 8 * np.arange(7500 * 8)
+    rates = rng.uniform(0.2, 3.0, 6)
+    x = sum(rng.uniform(0.2, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates)
+    x = 1.8e-3 * x / np.max(np.abs(x)) + 4e-4
+    body = np.where(x > 0.0, 21_600.0 * x + 85.0 * np.gradient(x, DT_S / 8), 0.0)
+    force = np.maximum(body, 0.0)[::8] + 0.5 + 0.038 * rng.standard_normal(7500)
+    position = 2e-7 * np.round((x[::8] + 0.05) / 2e-7)
+    made = from_arrays("body", t[::8], position, force)
+    answer = diagnose(made, "stiffness,damping,bias").answer
+    assert answer["verdict"] == "no_missing_effect"
+    assert answer["base"]["parameters"]["f0"]["value"] == pytest.approx(0.5, abs=0.02)
+
+
 @pytest.mark.parametrize("zero", [-4e-3, 0.0, 4e-3])
 def test_a_body_that_stiffens_on_both_sides_or_yields_on_one_is_not_left(zero: float) -> None:
     x = X_M - zero

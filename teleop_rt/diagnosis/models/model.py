@@ -148,9 +148,10 @@ class CandidateModel:
 
     @cached_property
     def cut_terms(self) -> NDArray[np.bool_]:
-        """Which terms of the base a clamp cuts."""
+        """Which terms of the base a clamp cuts: those of the body, no bias of the sensor."""
         damping = self.clamp == "elastic"
-        return np.array([not (damping and term.damps) for term in self.base.terms], dtype=bool)
+        cut = [term.in_contact and not (damping and term.damps) for term in self.base.terms]
+        return np.array(cut, dtype=bool)
 
     @cached_property
     def _of_the_body(self) -> tuple[bool, ...]:

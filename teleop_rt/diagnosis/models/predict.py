@@ -62,12 +62,12 @@ def _body_force(course: Course, theta: Vector) -> Vector:
         for compliance in compliances:
             base = _pressed(course, base, compliance, theta)
         return base.sum(theta[: len(course.base)])
-    total = _cut_force(course, theta)
+    number = len(course.base)
     if course.model.clamp == "none":
-        return total
+        return np.asarray(theta[:number] @ course.base)
     spared = ~course.model.cut_terms
-    total = np.maximum(total, 0.0)
-    return total + theta[: spared.size][spared] @ course.base[spared] if np.any(spared) else total
+    total = np.maximum(_cut_force(course, theta), 0.0)
+    return total + theta[:number][spared] @ course.base[spared] if np.any(spared) else total
 
 
 def columns(course: Course, guess: Vector | None) -> Columns:
