@@ -93,22 +93,20 @@ def _views(
     weight. A body that pulls only a little is taken for one that the tool leaves first. A base
     without contact is that of contact where the tool leaves the body.
     """
-    stated: tuple[Base, float | Surface | None] = base, surface
-    held = bilateral(base) if base.touches else None
     if surface is not None or recording.surface is not None:
-        yield stated
-    elif not base.touches:
-        touching = unilateral(base)
-        if touching is not None and is_left(recording):
-            yield touching, None
-        yield stated
-    elif held is not None and is_held(recording):
-        both = [stated, (held, None)]
+        yield base, surface
+        return
+    touching = None if base.touches else unilateral(base)
+    if touching is not None and is_left(recording):
+        base = touching
+    held = bilateral(base) if base.touches else None
+    if touching is None and held is not None and is_held(recording):
+        both: list[tuple[Base, None]] = [(base, None), (held, None)]
         yield from reversed(both) if is_held(recording, SURE_PULL) else both
-    else:
-        yield stated
-        if (hidden := surface_behind_weight(recording)) is not None:
-            yield base, hidden
+        return
+    yield base, None
+    if base.touches and (hidden := surface_behind_weight(recording)) is not None:
+        yield base, hidden
 
 
 def _judged(
