@@ -100,6 +100,14 @@ def test_pulses_at_moments_of_their_own_are_no_noise(seed: int) -> None:
     assert "lies to one side" in notes
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_few_kicks_of_a_limiter_are_no_row_of_pulses(seed: int) -> None:
+    kicks = np.zeros(_T.size)
+    for at in np.random.default_rng(seed).uniform(1.0, 18.0, 4):
+        kicks += 0.05 * np.exp(-(((_T - at) / 0.004) ** 2))
+    assert _judged(_recorded(_swung(), kicks, seed))[0] == "no_missing_effect"
+
+
 def _red(seed: int) -> Row:
     noise = np.random.default_rng(seed).standard_normal(_T.size)
     for i in range(1, noise.size):

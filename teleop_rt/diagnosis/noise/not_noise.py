@@ -8,6 +8,7 @@ Gaussian.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ _REPEATED = 0.7  # correlation of both halves: half of the variance repeats
 _SPEEDS = 6  # groups of samples, from the slowest to the fastest
 _LEVEL_RATIO = 3.0  # of deviations between groups, beyond that of noise; sensors' grow by less
 _SKEWED, _SKEW_RATIO = 0.5, 2.0  # at least, and over that of draws; a row of pulses has 1 to 2
+_PULSE_SIGMAS = 3.0  # of a residual, at which its values are cut: some rare samples are no row
 _FLATTEST = 1.8  # kurtosis of an even distribution; one of two levels has 1, Gaussian noise 3
 
 
@@ -93,9 +95,16 @@ def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> 
     return Signature(
         _repeats(rest, motion.x[used], motion.v[used]),
         _level_ratio(rest, np.abs(motion.v[used])),
-        abs(float(np.mean(rest**3))) / power**1.5,
+        _skew(rest, _PULSE_SIGMAS * float(np.sqrt(power))),
         float(np.mean(rest**4)) / power**2,
     )
+
+
+def _skew(rest: Vector, most: float) -> float:
+    row = np.clip(rest, -most, most)
+    row -= np.mean(row)
+    power = max(float(np.mean(row**2)), 1e-300)
+    return abs(float(np.mean(row**3))) / math.pow(power, 1.5)
 
 
 def _repeats(rest: Vector, x: Vector, v: Vector) -> float:
