@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
 from teleop_rt.diagnosis.answers.residuals import Unseen, nearest, predict_recording
+from teleop_rt.diagnosis.criteria import SECOND_SHARE
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.confirmed import Judged, judged, noise_of
@@ -96,7 +97,10 @@ def _detectable(
     pressed = pressed_all_along(problem)
     library = applicable(effects, recording, weighed.base.model.base, pressed=pressed)
     step = resolution_step(recording.position, recording.dt)
-    sizes = detectable(problem, weighed.base, weighed.input_errors, library, recording.units, step)
+    form_error = SECOND_SHARE * weighed.judgement.excess if weighed.best.names else 0.0
+    sizes = detectable(
+        problem, weighed.best, weighed.input_errors, library, recording.units, step, form_error
+    )
     return [one for one in sizes if one["name"] not in named]
 
 

@@ -80,3 +80,20 @@ def test_a_bias_that_the_step_of_the_encoder_hides_is_not_promised() -> None:
         seen += answer["class"] == [["force_bias"]]
     # Where 95 of 100 are seen, fewer than 28 of 32 are seen in 1 of 50 such tests.
     assert seen >= 28
+
+
+def test_beside_a_friction_nothing_smaller_is_promised_than_without_it() -> None:
+    """A delay of 3.4 us was, of 726 us without: a touch at another sample counted as its force."""
+    t = 0.002 * np.arange(10_000)
+    x = 6e-3 * np.sin(2.0 * np.pi * 0.4 * t) + 4e-3 * np.sin(2.0 * np.pi * 0.27 * t + 1.0)
+    v = np.gradient(x, 0.002)
+    body = np.where(x > 0.0, np.maximum(0.0, 2500.0 * x + 12.0 * v), 0.0)
+    noise = 0.05 * np.random.default_rng(7).standard_normal(t.size)
+    found = []
+    for friction in (0.0, 1.5):
+        force = body + friction * np.tanh(v / 1e-3) + noise
+        answer = diagnose(from_arrays("body", t, 1e-6 * np.round(x / 1e-6), force)).answer
+        found.append({one["name"]: one["size"] for one in answer["detectable"]})
+        assert answer["class"] == ([["coulomb_friction"]] if friction else [])
+    for name in ("channel_delay", "moving_surface"):
+        assert found[1][name] is None or found[1][name] > found[0][name]

@@ -9,8 +9,9 @@ power (Fisher information of the amplitude after projection, Kay 1998, ch. 6), n
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -28,7 +29,8 @@ from teleop_rt.diagnosis.noise.whiten import Matrix
 
 POWER_SIGMAS = 1.645  # one-sided 95 % of a normal distribution
 _SHAPES = 4  # values tried of each shape parameter, over its bounds
-_SMALL = 1e-4  # of its upper bound: the amplitude at which a force is linearised
+_SMALL = 1e-4  # of its upper bound: the amplitude at which a force is linearised first
+_ROUNDS, _NEAR = 6, 0.7  # of linearising at the size found; until it is that near to the last one
 _UNSEEN = 1e-9  # of a column's length; a smaller part outside the base is a rounding error
 
 
@@ -39,12 +41,16 @@ def detectable(
     effects: Sequence[Effect],
     units: tuple[str, str],
     step: float = 0.0,
+    form_error: float = 0.0,
 ) -> list[dict[str, Any]]:
     """Return per effect, by its first law, the size that is detected with probability 0.95.
 
+    `base` is the base, with the effects that are named beside it.
+
     `floor` are whitened force errors of the encoder (draws x values), `step` is its step [rig
-    unit], within which the surface is free. `size` is None where no size within the effect's bounds
-    would. Effects whose size is no amplitude (lags, limits) are left out.
+    unit], within which the surface is free. `form_error` is the energy that the forms of the named
+    laws may miss [chi-square]: a second effect must gain more. `size` is None where no size within
+    the effect's bounds would. Effects whose size is no amplitude (lags, limits) are left out.
     """
     own = tangent_space(problem, base)
     shift = force_of_a_step(problem, base, step, own)
@@ -55,11 +61,12 @@ def detectable(
         if effect.acts != "adds_force" and not nonlinear_amplitude(effect):
             continue
         parameters = 1 + len(effect.shapes)
-        least = doubted * (CERTAIN_BIC + parameters * float(np.log(problem.whitener.effective)))
-        sizes = [
-            (_size(column, own, shift, floor, least, left.noise_per_direction), eta)
-            for eta, column in _columns(problem, base, effect)
-        ]
+        odds = CERTAIN_BIC + parameters * float(np.log(problem.whitener.effective))
+        least = max(doubted * odds, form_error)
+        size_of = partial(
+            _size, own=own, shift=shift, floor=floor, least=least, chance=left.noise_per_direction
+        )
+        sizes = list(_sizes(problem, base, effect, size_of))
         size, eta = max(sizes, key=lambda one: one[0], default=(np.inf, np.zeros(0)))
         most = np.inf
         if nonlinear_amplitude(effect):
@@ -76,7 +83,7 @@ def detectable(
 
 
 def _size(
-    columns: Matrix, own: Matrix, shift: Vector, floor: Matrix, least: float, chance: float
+    columns: Matrix, *, own: Matrix, shift: Vector, floor: Matrix, least: float, chance: float
 ) -> float:
     """Return the amplitude at which whitened columns (1 or 2 x values) are detected at 0.95.
 
@@ -107,19 +114,38 @@ def _beside(along: float, energy: float, wanted: float) -> float:
     return float(along + np.sqrt(max(along**2 - energy + wanted**2, 0.0)))
 
 
-def _columns(problem: Problem, base: Fit, effect: Effect) -> Iterator[tuple[Vector, Matrix]]:
-    """Yield shape parameters over their bounds, and the whitened force of unit amplitude there."""
+def _sizes(
+    problem: Problem, base: Fit, effect: Effect, size_of: Callable[[Matrix], float]
+) -> Iterator[tuple[float, Vector]]:
+    """Yield the detectable size and the shape parameters, over their bounds.
+
+    A force that is nonlinear in the amplitude is taken at the size itself: what moves a contact
+    makes jumps of single samples there, which a smaller amplitude would multiply.
+    """
     scales = problem.motion.scales
     free = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
     values = [grid(replace(s, points=min(max(s.points, 2), _SHAPES)), scales) for s in free]
+    most = max(map(abs, bounds(effect.amplitude, scales)))
     for place in product(*values):
         eta = np.array(place, dtype=np.float64)
         if effect.acts == "adds_force":
-            yield eta, problem.rows_of(effect, [eta])[0]
+            yield size_of(problem.rows_of(effect, [eta])[0]), eta
             continue
-        amplitude = _SMALL * max(map(abs, bounds(effect.amplitude, scales)))
-        model = replace(base.model, effects=(*base.model.effects, effect))
-        zeta = np.concatenate([base.zeta, [amplitude], eta])
-        with_it = force_of(model, problem.motion, zeta, base.theta)
-        without = force_of(base.model, problem.motion, base.zeta, base.theta)
-        yield eta, problem.whitener(((with_it - without) / amplitude)[None, :])
+        size = amplitude = _SMALL * most
+        for _ in range(_ROUNDS):
+            size = size_of(_row_of_unit(problem, base, effect, amplitude, eta))
+            if size > most or _NEAR < size / amplitude < 1.0 / _NEAR:
+                break
+            amplitude = size
+        yield size, eta
+
+
+def _row_of_unit(
+    problem: Problem, base: Fit, effect: Effect, amplitude: float, eta: Vector
+) -> Matrix:
+    """Return the whitened force (1 x values) of an amplitude, over that amplitude."""
+    model = replace(base.model, effects=(*base.model.effects, effect))
+    zeta = np.concatenate([base.zeta, [amplitude], eta])
+    with_it = force_of(model, problem.motion, zeta, base.theta)
+    without = force_of(base.model, problem.motion, base.zeta, base.theta)
+    return problem.whitener(((with_it - without) / amplitude)[None, :])
