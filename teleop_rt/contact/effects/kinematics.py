@@ -28,6 +28,13 @@ def _swinging(
 
 
 @kernel
+def _swinging_away(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(-sin(2.0 * pi * eta[0] * t + eta[1]) - eta[2] * t)
+
+
+@kernel
 def _force(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return x
 
@@ -136,6 +143,28 @@ EFFECTS = (
         compensation="render",
         only_in_contact=False,
         acts="moves_position",
+    ),
+    Effect(
+        name="moving_surface",
+        law="swinging and receding",
+        family="drift",
+        belongs_to="environment",
+        stage="kinematics",
+        amplitude=Amplitude(
+            "swing", "{x}", nonnegative=True, lower=0.0, upper=0.3, relative_to="travel", points=2
+        ),
+        shapes=(
+            Shape("frequency", "Hz", 0.05, 5.0, 0.5, points=0),
+            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
+            Shape("swings_receded", "1/s", -1.0, 1.0, 0.0, points=2, neutral=0.0),
+        ),
+        step=_swinging_away,
+        sentence="The surface swings by {swing} at {frequency}, and recedes by {swings_receded} of"
+        " its swing.",
+        compensation="render",
+        only_in_contact=False,
+        acts="moves_position",
+        extends="swinging",
     ),
     Effect(
         name="series_compliance",
