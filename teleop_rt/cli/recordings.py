@@ -30,7 +30,12 @@ Surface = Annotated[
     str, typer.Option(help="auto, or the surface's position, as 10mm; without a unit in m or rad")
 ]
 Columns = Annotated[
-    list[str] | None, typer.Option("--columns", metavar="ROLE=NAME", help="role of a column")
+    list[str] | None,
+    typer.Option(
+        "--columns",
+        metavar="ROLE=NAME",
+        help="column of time, position or force; a minus before its name turns its sign",
+    ),
 ]
 UnitsOption = Annotated[
     list[str] | None,

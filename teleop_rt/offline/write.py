@@ -32,11 +32,11 @@ def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: 
     for name in (_MOTION, _EXPERIMENT):  # of a diagnosis that is resumed
         (folder / name).unlink(missing_ok=True)
     if found.experiment is not None:
-        motion = folder / _MOTION
-        _write_motion(motion, found.experiment, _surface(found, recording))
+        motion, column = folder / _MOTION, f"position_{recording.units[0]}"
+        _write_motion(motion, found.experiment, _surface(found, recording), column)
         trial = path.with_name("trial.yaml")
         if trial.is_file():
-            proposed = _propose(trial, motion, found.experiment)
+            proposed = _propose(trial, motion, found.experiment, column)
             written = folder / _EXPERIMENT
             written.write_text(yaml.safe_dump(proposed, sort_keys=False), encoding="utf-8")
             found.answer["experiment"]["trial"] = str(written)
@@ -63,16 +63,16 @@ def _surface(found: Diagnosis, recording: Recording) -> float:
     return float(np.median(recording.position[start : start + x.size] - x))
 
 
-def _write_motion(path: Path, experiment: Experiment, surface: float) -> None:
-    """Write the motion as t_s, position: at rest first, so that the slave can follow."""
+def _write_motion(path: Path, experiment: Experiment, surface: float, column: str) -> None:
+    """Write the motion, its columns with units: at rest first, so that the slave can follow."""
     lead = np.arange(0.0, _LEAD_IN_S, float(experiment.t[1] - experiment.t[0]))
     t = np.concatenate((lead, _LEAD_IN_S + experiment.t))
     x = np.concatenate((np.full(lead.size, experiment.x[0]), experiment.x))
     table = np.column_stack((t, surface + x))
-    np.savetxt(path, table, delimiter=",", header="t_s,position", comments="", fmt="%.9g")
+    np.savetxt(path, table, delimiter=",", header=f"t_s,{column}", comments="", fmt="%.9g")
 
 
-def _propose(trial: Path, motion: Path, experiment: Experiment) -> dict[str, Any]:
+def _propose(trial: Path, motion: Path, experiment: Experiment, column: str) -> dict[str, Any]:
     proposed: dict[str, Any] = dict(read_yaml(trial).data)
     proposed["name"] = f"{proposed['name']}_experiment"
     proposed["duration_s"] = float(_LEAD_IN_S + experiment.t[-1] + 1.0)
@@ -80,6 +80,6 @@ def _propose(trial: Path, motion: Path, experiment: Experiment) -> dict[str, Any
         "kind": "recorded",
         "file": str(motion.resolve()),
         "time_column": "t_s",
-        "position_column": "position",
+        "position_column": column,
     }
     return proposed

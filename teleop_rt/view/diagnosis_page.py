@@ -113,7 +113,9 @@ def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
     grade, text = _VERDICTS[answer["verdict"]]
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
     names = " or ".join(_names(one) for one in sets)
-    proposal = "; the motion that would is shown below" if answer["experiment"] else ""
+    proposal = (
+        "; the motion that would is in motion.csv beside this page" if answer["experiment"] else ""
+    )
     family = f" (nearest family: {answer['family']})" if answer["family"] else ""
     return grade, text.format(names=names, proposal=proposal, family=family)
 

@@ -25,11 +25,14 @@ def verdict(summary: Mapping[str, Any], tiles: list[Tile]) -> tuple[str, str]:
         return "bad", f"Stopped: {fault['cause']}. Next: {fault['next_step']}."
     if summary["safety"]["state"] in _MOVING:
         return "attention", f"Cut off in state {summary['safety']['state']}, before its end."
+    ran = "Interrupted" if summary.get("interrupted") else "Ran to its end"
     weak = [tile.title.lower() for tile in tiles if tile.grade in {"attention", "bad"}]
     if weak:
-        return "attention", f"Ran to its end without a fault; look at: {', '.join(weak)}."
+        return "attention", f"{ran} without a fault; look at: {', '.join(weak)}."
     if any(grade == "attention" for grade, _ in graded_notes(summary)):
-        return "attention", "Ran to its end without a fault; read the notes below."
+        return "attention", f"{ran} without a fault; read the notes below."
+    if summary.get("interrupted"):
+        return "attention", f"{ran} without a fault, and nothing below needs attention."
     return "good", "It worked: ran to its end without a fault, and nothing below needs attention."
 
 

@@ -141,6 +141,14 @@ def test_stamps_of_date_and_time_become_seconds(tmp_path: Path, rows: np.ndarray
     np.testing.assert_allclose(found.force, rows[:, 2])
 
 
+def test_a_unit_may_follow_the_word_in(tmp_path: Path, rows: np.ndarray) -> None:
+    body = [row.replace(".", ",") for row in lines(rows, ";")]
+    path = written(tmp_path / "a.csv", ["Zeit in s;Weg in mm;Kraft in N", *body])
+    found = load(path)
+    np.testing.assert_allclose(found.position, 1e-3 * rows[:, 1])
+    np.testing.assert_allclose(found.force, rows[:, 2])
+
+
 def test_quoted_decimals_that_could_be_read_in_two_ways_are_refused(
     tmp_path: Path, rows: np.ndarray
 ) -> None:

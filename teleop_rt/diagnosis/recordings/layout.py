@@ -179,10 +179,11 @@ def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | N
 
 
 def _without_unit(name: str, role: str) -> tuple[str, str | None]:
-    """Return a column's name and the unit that it ends with: x_mm, x [mm], x (mm), x/mm."""
+    """Return a name and the unit that it ends with: x_mm, x [mm], x (mm), x/mm, x in mm."""
     units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
     match = re.fullmatch(
-        rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\)|\s*/\s*({units}))", name
+        rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\)|\s*/\s*({units})|\s+in\s+({units}))",
+        name,
     )
     if match is None:
         return name, None

@@ -218,7 +218,9 @@ def refuse_untouched(recording: Recording, usable: Vector) -> None:
     if left < _MIN_USABLE_SAMPLES:
         raise RecordingError(
             f"{recording.name}: no contact: {left} samples beyond the surface have a force that is"
-            " not that of free air, with their past known; check --surface, or record more presses"
+            " not that of free air, and enough samples around them for a velocity (at"
+            f" {1.0 / recording.dt:.4g} samples/s); check --surface, record at a higher rate, or"
+            " more presses"
         )
 
 
