@@ -27,6 +27,8 @@ _LOOKS: tuple[tuple[str, str, Style], ...] = (
     ("without the effect", VERMILLION, "dashed"),
     ("with the effect", BLUE, "solid"),
 )
+_HARDLY_FELL = 0.9
+"""Of the error before: an effect that leaves more does not describe the fresh data."""
 _LINKS = (
     ("first/report.html", "the first run"),
     ("diagnosis/diagnosis.html", "its diagnosis"),
@@ -58,12 +60,12 @@ def write_loop_page(
             replace(chart, label=f"{chart.label}, on {data}")
             for chart in residual_charts(residuals)[:2]
         ]
-    grade, verdict = _verdict(answer)
+    grade, sentence = verdict(answer)
     page = render(
         "loop.html.j2",
         answer=answer,
         grade=grade,
-        verdict=verdict,
+        verdict=sentence,
         errors=list(_errors(answer)),
         effects=[_effect(one, answer) for one in answer["effects"]],
         base=model_name(answer["base"]["model"]),
@@ -75,15 +77,30 @@ def write_loop_page(
     return path
 
 
-def _verdict(answer: Mapping[str, Any]) -> tuple[Grade, str]:
+def verdict(answer: Mapping[str, Any]) -> tuple[Grade, str]:
+    """Return grade and sentence for the closed loop."""
     names = " and ".join(one["name"].replace("_", " ") for one in answer["effects"])
     if answer["withdrawn"]:
         return "attention", f"Found {names}, and withdrawn: {'; '.join(answer['withdrawn'])}."
+    if answer["verdict"] == "no_missing_effect":
+        return "good", "No missing effect was found: nothing was added."
     if answer["fresh"] is None:
         return "attention", str(answer.get("reason", "Nothing was added.")).capitalize() + "."
     if not names:
         return "attention", "A law was drafted from what no declared effect explains, and added."
+    if not any(_fell(answer["fresh"], *where) for where in _ERRORS):
+        return "attention", (
+            f"The model lacked {names}: added, but most of the error on fresh data stays: something"
+            " else acts there, or they are of another object."
+        )
     return "good", f"The model lacked {names}: added, and the errors on fresh data fell."
+
+
+def _fell(fresh: Mapping[str, Any], part: str, key: str | None, _: str) -> bool:
+    """Return whether an error on fresh data fell by a tenth or more."""
+    error = fresh[part] if key is None else fresh[part][key]
+    before, after = error["before"], error["after"]
+    return before is not None and after is not None and after <= _HARDLY_FELL * before
 
 
 def _errors(answer: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
