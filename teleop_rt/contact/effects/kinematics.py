@@ -156,7 +156,7 @@ EFFECTS = (
         shapes=(
             Shape("frequency", "Hz", 0.05, 5.0, 0.5, points=0),
             Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
-            Shape("swings_receded", "1/s", -1.0, 1.0, 0.0, points=2, neutral=0.0),
+            Shape("swings_receded", "1/s", -1.0, 1.0, 0.0, points=2),
         ),
         step=_swinging_away,
         sentence="The surface swings by {swing} at {frequency}, and recedes by {swings_receded} of"
