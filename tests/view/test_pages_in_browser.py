@@ -104,6 +104,7 @@ def loop_page(place, run):
                 "parameters": {"depth": {"value": 0.013, "std": 1e-5, "unit": "m"}},
             }
         ],
+        "verdict": "named",
         "withdrawn": None,
         "fresh": {
             "slave": {"free_run": error, "on_line": error},
