@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.jit import kernel
 
@@ -37,6 +39,20 @@ def _damped_with_depth(
 _DAMPING_POWER = Shape("power", "1", 0.3, 3.0, 1.0, points=5)  # 0 is the base's own damping
 # From beyond the stroke the damping hardly changes along it.
 _ORIGIN = Shape("origin", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=5)
+_PER_LENGTH = Amplitude("quadratic_damping", "{f} s^2/{x}^3", nonnegative=True)
+_QUADRATIC = Effect(
+    name="quadratic_damping",
+    law="plain",
+    family="damping",
+    belongs_to="environment",
+    stage="material",
+    amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^2", nonnegative=True),
+    step=_quadratic,
+    sentence="Damping grows with the square of the speed: {quadratic_damping}.",
+    compensation="render",
+    derivative_order=1,
+)
+_HELD_QUADRATIC = replace(_QUADRATIC, law=WITHOUT_CONTACT, only_in_contact=False)
 EFFECTS = (
     Effect(
         name="hunt_crossley",  # Hunt and Crossley 1975, the damping (2.4) beside any spring
@@ -50,56 +66,22 @@ EFFECTS = (
         compensation="render",
         derivative_order=1,
     ),
-    Effect(
-        name="quadratic_damping",
-        law="plain",
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^2", nonnegative=True),
-        step=_quadratic,
-        sentence="Damping grows with the square of the speed: {quadratic_damping}.",
-        compensation="render",
-        derivative_order=1,
-    ),
-    Effect(
-        name="quadratic_damping",
+    _QUADRATIC,
+    replace(
+        _QUADRATIC,
         law="growing with depth",
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^3", nonnegative=True),
+        amplitude=_PER_LENGTH,
         step=_quadratic_with_depth,
         sentence="Damping grows with depth and the square of the speed: {quadratic_damping}.",
-        compensation="render",
-        derivative_order=1,
     ),
-    Effect(
-        name="quadratic_damping",
-        law=WITHOUT_CONTACT,
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^2", nonnegative=True),
-        step=_quadratic,
-        sentence="Damping grows with the square of the speed: {quadratic_damping}.",
-        compensation="render",
-        derivative_order=1,
-        only_in_contact=False,
-    ),
-    Effect(
-        name="quadratic_damping",
+    _HELD_QUADRATIC,
+    replace(
+        _HELD_QUADRATIC,
         law=f"{WITHOUT_CONTACT}, growing along the stroke",
-        family="damping",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^3", nonnegative=True),
+        amplitude=_PER_LENGTH,
         shapes=(_ORIGIN,),
         step=_quadratic_along,
         sentence="Damping grows from {origin} on, and with the square of the speed.",
-        compensation="render",
-        derivative_order=1,
-        only_in_contact=False,
         extends=WITHOUT_CONTACT,
     ),
 )

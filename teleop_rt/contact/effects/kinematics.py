@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi, sin
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
@@ -97,6 +98,25 @@ def _play(law: str, step: StepFunction) -> Effect:
     )
 
 
+_SWINGING = Effect(
+    name="moving_surface",
+    law="swinging",
+    family="drift",
+    belongs_to="environment",
+    stage="kinematics",
+    amplitude=Amplitude(
+        "swing", "{x}", nonnegative=True, lower=0.0, upper=0.3, relative_to="travel", points=2
+    ),
+    shapes=(
+        Shape("frequency", "Hz", 0.05, 5.0, 0.5, points=0),
+        Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
+    ),
+    step=_swinging,
+    sentence="The surface swings by {swing} at {frequency}.",
+    compensation="render",
+    only_in_contact=False,
+    acts="moves_position",
+)
 EFFECTS = (
     Effect(
         name="contact_offset",
@@ -125,46 +145,15 @@ EFFECTS = (
         only_in_contact=False,
         acts="moves_position",
     ),
-    Effect(
-        name="moving_surface",
-        law="swinging",
-        family="drift",
-        belongs_to="environment",
-        stage="kinematics",
-        amplitude=Amplitude(
-            "swing", "{x}", nonnegative=True, lower=0.0, upper=0.3, relative_to="travel", points=2
-        ),
-        shapes=(
-            Shape("frequency", "Hz", 0.05, 5.0, 0.5, points=0),
-            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
-        ),
-        step=_swinging,
-        sentence="The surface swings by {swing} at {frequency}.",
-        compensation="render",
-        only_in_contact=False,
-        acts="moves_position",
-    ),
-    Effect(
-        name="moving_surface",
+    _SWINGING,
+    replace(
+        _SWINGING,
         law="swinging and receding",
-        family="drift",
-        belongs_to="environment",
-        stage="kinematics",
-        amplitude=Amplitude(
-            "swing", "{x}", nonnegative=True, lower=0.0, upper=0.3, relative_to="travel", points=2
-        ),
-        shapes=(
-            Shape("frequency", "Hz", 0.05, 5.0, 0.5, points=0),
-            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
-            Shape("swings_receded", "1/s", -1.0, 1.0, 0.0, points=2),
-        ),
+        shapes=(*_SWINGING.shapes, Shape("swings_receded", "1/s", -1.0, 1.0, 0.0, points=2)),
         step=_swinging_away,
         sentence="The surface swings by {swing} at {frequency}, and recedes by {swings_receded} of"
         " its swing.",
-        compensation="render",
-        only_in_contact=False,
-        acts="moves_position",
-        extends="swinging",
+        extends=_SWINGING.law,
     ),
     Effect(
         name="series_compliance",
