@@ -1,20 +1,21 @@
 """Ablation of diagnosis: what each gate and each constant of the judgement earns.
 
     scripts/campaign ablate [--records N] [--seed S] [--groups G ...] [--gates NAME ...]
-        [--measured TEXT ...] [--jobs J] [--json]
+        [--measured TEXT ...] [--keyed FOLDER ...] [--every N] [--jobs J] [--json]
 
 Each record is diagnosed as it is, and once more without each gate that did something there: a gate
 that does nothing changes nothing. Printed are for each gate
 
 acted     records in which it did something
 changed   of these, records whose answer is another without it
-saved     answers that are right with the gate and wrong without
-harmed    answers that are wrong with the gate and right without
+saved     answers that are worth more with the gate than without
+harmed    answers that are worth less with the gate than without
 
-Records are those of `campaign diagnosis`, own and foreign, and with --measured those of `campaign
-measured` (`all`, or texts in their names). The constants of the judgement are halved and doubled,
-and the candidates of each record are judged again: `halved` and `doubled` count the records whose
-verdict or best set changes.
+A right answer is worth more than an honest one, and that more than a wrong one. Records are those
+of `campaign diagnosis`, own and foreign, with --measured those of `campaign measured` (`all`, or
+texts in their names), and with --keyed every Nth one of `campaign keyed`. The constants of the
+judgement are halved and doubled, and the candidates of each record are judged again: `halved` and
+`doubled` count the records whose verdict or best set changes.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ import numpy as np
 import teleop_rt.diagnosis as package
 from teleop_rt.diagnosis import criteria
 from teleop_rt_dev.campaign import diagnosis as campaign_diagnosis
+from teleop_rt_dev.campaign import keyed as campaign_keyed
 from teleop_rt_dev.campaign import measured as campaign_measured
 from teleop_rt_dev.diagnosis.table import table, wrong
 from teleop_rt_dev.parallel import in_order
@@ -52,6 +54,9 @@ GROUPS = (  # group, generator, surface
     ("sinusoid", "own", "given"), ("narrow", "foreign", "given"),
 )  # fmt: skip
 JUDGEMENTS = ("inference.verdict:judge", "inference.explanation:explain")
+
+
+_WORTH = {"right": 1, "wrong": -1}  # all else is honest
 
 
 def first(*arguments: Any, **_: Any) -> Any:
@@ -80,18 +85,29 @@ GATES: dict[str, tuple[str, Function]] = {
     "window by the spectrum": ("samples.smoothing:_quietest", lambda _, __, half, ___: half),
     "impacts of a play": ("samples.preparation:without_impacts", first),
     "dropouts": ("samples.dropouts:dropouts", always([])),
+    "held body seen": ("samples.held:is_held", NEVER),
+    "left body seen": ("samples.held:is_left", NEVER),
+    "surface behind a weight": ("samples.surface:surface_behind_weight", always(None)),
     "away from touches": ("inference.rounds:_may_rest_on_touches", NEVER),
     "odd beginning": ("samples.beginning:misfits", NEVER),
     "encoder in the noise": ("noise.encoder:knowing_encoder", first),
     "within a step": ("noise.encoder:within_a_step", second),
+    "slow noise": ("noise.slow:excess", always(None)),
+    "level of the noise": ("noise.level:level_of", lambda row, *_: np.ones(row.size)),
     "louder than noise": ("inference.rounds:_exceeds_noise", NEVER),
     "glance under white noise": ("inference.search:coarse_singles", always([])),
     "pairs under white noise": ("inference.pairs:coarse_pairs", always([])),
     "otherwise clamped": ("inference.search:with_other_clamp", second),
     "past before the recording": ("inference.search:with_past", second),
+    "surface at the onset": ("inference.search:_reshaped", always([])),
+    "other surfaces": ("inference.screening:_at_surfaces", lambda *given: given[3]),
+    "other depths": ("inference.search:_at_other_depths", always([])),
+    "surface between samples": ("inference.search:_between_samples", second),
     "steps among jumps": ("inference.search:polished", second),
     "exchanged partners": ("inference.pairs:exchanged", always([])),
     "other laws of a pair": ("inference.pairs:by_other_laws", always([])),
+    "partner that takes the rest": ("inference.second:_takes_the_rest", NEVER),
+    "likelier than a form": ("inference.needed:_likelier_than_form", first),
     "set that a law is like": ("inference.pairs:alike", always(None)),
     "encoder spared": ("inference.ranking:Ranking._smoothing_gain", always(0.0)),
     "encoder passed on": ("inference.ranking:Ranking._encoder_energy_of_effects", always(0.0)),
@@ -106,8 +122,15 @@ GATES: dict[str, tuple[str, Function]] = {
     "doubt in the noise": ("inference.verdict:_scaled_by_doubt", second),
     "confirmed unweighted": ("inference.unweighted:confirmed_unweighted", first),
     "confirmed on blocks": ("inference.on_blocks:OnBlocks.confirm", always(value=True)),
+    "no noise": ("noise.not_noise:not_noise", always([])),
+    "noise of air after blocks": ("inference.confirmed:_leaves_noise", NEVER),
+    "weights that predict worse": ("inference.confirmed:_predicts_worse", NEVER),
     "beside the unknown": ("inference.discrepancy:needs_unknown_remainder", NEVER),
     "empty extension of a set": ("inference.explanation:_special_case_fits_as_well", NEVER),
+    "names of one prediction": ("inference.explanation:_predict_alike", NEVER),
+    "one name of one physics": (
+        "inference.explanation:_distinct", lambda order, *_: frozenset(order),
+    ),
     "no name that fits no better": ("inference.explanation:_named_set_fits_as_well", NEVER),
 }  # fmt: skip
 """Gate -> where it is, and what stands in its place where it is left out."""
@@ -211,15 +234,18 @@ def by_constants(calls: Sequence[Call]) -> dict[str, list[bool]]:
     return changed
 
 
-def answered(case: Case) -> tuple[str, bool]:
-    """Return the answer, as text, and whether it is right."""
+def answered(case: Case) -> tuple[str, int]:
+    """Return the answer, as text, and its worth: 1 if right, 0 if honest, -1 if wrong."""
     kind, what = case
     if kind == "measured":
         row = campaign_measured.row(what, Path(os.environ["TELEOP_RT_DATA"]))
-        return json.dumps([row["verdict"], row["class"]]), row["worth"] == "right"
-    row = campaign_diagnosis.run(dict(what))
-    table([row])
-    return json.dumps([row["verdict"], row["class"]]), not wrong(row)
+    elif kind == "keyed":
+        row = campaign_keyed.row(what)
+    else:
+        row = campaign_diagnosis.run(dict(what))
+        table([row])
+        row["worth"] = "wrong" if wrong(row) else "right"
+    return json.dumps([row["verdict"], row["class"]]), _WORTH.get(row["worth"], 0)
 
 
 def ablated(case: Case, gates: Sequence[str]) -> dict[str, Any]:
@@ -233,8 +259,9 @@ def ablated(case: Case, gates: Sequence[str]) -> dict[str, Any]:
             stack.enter_context(instead(path, watched(without, acted[gate])))
         for judgement in JUDGEMENTS:
             stack.enter_context(instead(judgement, kept(calls)))
-        answer, right = answered(case)
-    found: dict[str, Any] = {"seconds": time.process_time() - begun, "right": right, "gates": {}}
+        answer, worth = answered(case)
+    seconds = time.process_time() - begun
+    found: dict[str, Any] = {"seconds": seconds, "right": worth > 0, "gates": {}}
     found["constants"] = by_constants(calls)
     for gate in (gate for gate, flags in acted.items() if flags):
         path, without = GATES[gate]
@@ -242,8 +269,8 @@ def ablated(case: Case, gates: Sequence[str]) -> dict[str, Any]:
         with instead(path, always(without)):
             other, still = answered(case)
         found["gates"][gate] = {
-            "changed": other != answer, "saved": right and not still,
-            "harmed": still and not right, "seconds": time.process_time() - begun,
+            "changed": other != answer, "saved": worth > still,
+            "harmed": still > worth, "seconds": time.process_time() - begun,
         }  # fmt: skip
     return found
 
@@ -269,17 +296,26 @@ def show(rows: Sequence[dict[str, Any]], gates: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def cases(records: int, seed: int, groups: Sequence[str], measured: Sequence[str]) -> list[Case]:
-    """Return what makes each record: so many of each group, and the measured ones asked for."""
+def cases(
+    records: int,
+    seed: int,
+    groups: Sequence[str],
+    measured: Sequence[str],
+    keyed: Sequence[Path] = (),
+    every: int = 1,
+) -> list[Case]:
+    """Return what makes each record: so many of each group, and those measured and keyed."""
     drawn: list[Case] = [
         ("drawn", campaign_diagnosis.plan(group, number, seed, generator, surface))
         for group, generator, surface in GROUPS
         if not groups or group in groups
         for number in range(records)
     ]  # fmt: skip
-    return drawn + [("measured", entry) for text in measured
-                    for entry in campaign_measured.keyed([text] if text != "all" else [])
-                    if entry["keys"] is not None]  # fmt: skip
+    known = [entry for folder in keyed for entry in campaign_keyed.entries(folder)][::every]
+    return [*drawn, *(("keyed", entry) for entry in known),
+            *(("measured", entry) for text in measured
+              for entry in campaign_measured.keyed([text] if text != "all" else [])
+              if entry["keys"] is not None)]  # fmt: skip
 
 
 def main(arguments: list[str]) -> int:
@@ -294,13 +330,17 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--gates", nargs="*", default=list(GATES), choices=list(GATES))
     parser.add_argument("--measured", nargs="*", default=[], metavar="TEXT",
                         help="measured recordings whose names hold it, or all")  # fmt: skip
+    parser.add_argument("--keyed", nargs="*", type=Path, default=[], metavar="FOLDER",
+                        help="folders of `campaign keyed`")  # fmt: skip
+    parser.add_argument("--every", type=int, default=1, help="each Nth of their records")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
     if chosen.measured and not os.environ.get("TELEOP_RT_DATA"):
         print("campaign ablate: set TELEOP_RT_DATA to the folder of recordings", file=sys.stderr)
         return 2
-    tried = cases(chosen.records, chosen.seed, chosen.groups, chosen.measured)
+    tried = cases(chosen.records, chosen.seed, chosen.groups, chosen.measured, chosen.keyed,
+                  chosen.every)  # fmt: skip
     calls = (partial(ablated, case, chosen.gates) for case in tried)
     rows = in_order("campaign ablate", calls, chosen.jobs)
     print(json.dumps(rows) if chosen.json else show(rows, chosen.gates))

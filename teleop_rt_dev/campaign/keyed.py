@@ -1,0 +1,120 @@
+"""Campaign on folders of recordings with known answers, as an engineer elsewhere writes them.
+
+    scripts/campaign keyed FOLDER... [--only TEXT ...] [--jobs J] [--json]
+
+A folder holds `key.csv` with the columns name, group, base, truth and, if known, tied; each
+recording is NAME.csv with the columns t [s], x [m] and f [N]. `truth` is a set of effects joined by
+`+`, `none`, or `outside:` with some words; `tied` are other sets, joined by `|`, which fit as well.
+
+right     the named set, or one of the class, is the truth or tied to it; nothing where nothing is
+          missing; "unexplained" or "partial" for what is outside the library
+honest    "unexplained", "nothing missing", or effects of the truth alone, without all of them
+wrong     any other answer: a name that is not there
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import time
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any, Literal
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.recordings.layout import Layout
+from teleop_rt.diagnosis.recordings.recording import load
+from teleop_rt.errors import ExpectedError
+from teleop_rt_dev.parallel import in_order
+
+Worth = Literal["right", "honest", "wrong"]
+_OUTSIDE = "outside:"
+
+
+def entries(folder: Path, only: Sequence[str] = ()) -> list[dict[str, str]]:
+    """Return the rows of a folder's key, with the folder, of names that hold one of `only`."""
+    with (folder / "key.csv").open(encoding="utf-8", newline="") as key:
+        rows = [row | {"folder": str(folder)} for row in csv.DictReader(key)]
+    return [row for row in rows if not only or any(text in row["name"] for text in only)]
+
+
+def answered(entry: Mapping[str, str]) -> tuple[str, list[list[str]]]:
+    """Return the verdict on a recording and its sets; the verdict "error" if it is refused."""
+    file = Path(entry["folder"]) / f"{entry['name']}.csv"
+    try:
+        recording = load(file, Layout({"time": "t", "position": "x", "force": "f"}, {}))
+        answer = diagnose(recording, entry["base"]).answer
+    except (ExpectedError, ValueError):
+        return "error", []
+    return answer["verdict"], answer["class"]
+
+
+def worth(entry: Mapping[str, str], verdict: str, sets: Sequence[Sequence[str]]) -> Worth:
+    """Return what an answer is worth by the key."""
+    named = [set(names) for names in sets] if verdict in {"named", "class", "partial"} else []
+    if entry["truth"] == "none":
+        if named:
+            return "wrong"
+        return "right" if verdict == "no_missing_effect" else "honest"
+    if entry["truth"].startswith(_OUTSIDE):
+        if verdict in {"named", "class"}:
+            return "wrong"
+        return "right" if verdict in {"unexplained", "partial"} else "honest"
+    truth = set(entry["truth"].split("+"))
+    tied = [set(names.split("+")) for names in (entry.get("tied") or "").split("|") if names]
+    if verdict != "partial" and any(names in (truth, *tied) for names in named):
+        return "right"
+    return "honest" if all(_of_one(names, (truth, *tied)) for names in named) else "wrong"
+
+
+def _of_one(names: set[str], sets: Sequence[set[str]]) -> bool:
+    """Return whether all names are in one of the sets."""
+    return any(names <= one for one in sets)
+
+
+def row(entry: Mapping[str, str]) -> dict[str, Any]:
+    """Return a recording's answer, what it is worth, and the processor time [s]."""
+    begun = time.process_time()
+    verdict, sets = answered(entry)
+    seconds = round(time.process_time() - begun, 2)
+    return dict(entry) | {
+        "verdict": verdict, "class": sets, "worth": worth(entry, verdict, sets), "seconds": seconds,
+    }  # fmt: skip
+
+
+def show(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the counts of each group and the wrong answers, in Markdown."""
+    groups: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    for one in rows:
+        groups[one["group"]].append(one)
+    lines = ["| group | records | right | honest | wrong | median time [s] |",
+             "| --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    for group, ones in groups.items():
+        counts = Counter(one["worth"] for one in ones)
+        figures = (len(ones), counts["right"], counts["honest"], counts["wrong"],
+                   f"{median(one['seconds'] for one in ones):.2f}")  # fmt: skip
+        lines.append(f"| {group} | {' | '.join(map(str, figures))} |")
+    lines += ["", *(f"{one['name']} ({one['truth']}): {one['verdict']} {one['class']}"
+                    for one in rows if one["worth"] == "wrong")]  # fmt: skip
+    return "\n".join(lines)
+
+
+def main(arguments: list[str]) -> int:
+    """Run the campaign."""
+    parser = argparse.ArgumentParser(
+        prog="teleop-rt-dev campaign keyed", description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
+    parser.add_argument("--only", nargs="*", default=[], metavar="TEXT", help="in the name")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    chosen = parser.parse_args(arguments)
+    tried = [entry for folder in chosen.folders for entry in entries(folder, chosen.only)]
+    rows = in_order("campaign keyed", [partial(row, entry) for entry in tried], chosen.jobs)
+    print(json.dumps(rows) if chosen.json else show(rows))
+    return 0
