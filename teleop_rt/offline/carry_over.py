@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.diagnosis.diagnose import errors_of_named
+from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.recordings.recording import Recording

@@ -13,8 +13,9 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.fit import Problem, grid
+from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel, bounds, nonlinear_amplitude
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.inference.search import polished
+from teleop_rt.diagnosis.inference.polishing import polished
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import from_arrays

@@ -11,7 +11,8 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.explanation import likelihoods
-from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, adequate, judge
+from teleop_rt.diagnosis.inference.ranked import Ranked, adequate
+from teleop_rt.diagnosis.inference.verdict import Judgement, judge
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import CandidateModel

@@ -9,7 +9,8 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.inference.pairs import fit_without, without
-from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked, explains, slack_of
+from teleop_rt.diagnosis.inference.ranked import Ranked, explains, slack_of
+from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import phases

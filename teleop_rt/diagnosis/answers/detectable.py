@@ -20,7 +20,8 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.answers.answer import fill
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC, DOUBT_WEIGHT, ENCODER_ENERGY_RATIO
-from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
+from teleop_rt.diagnosis.models.axes import grid
+from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.encoder import force_of_a_step

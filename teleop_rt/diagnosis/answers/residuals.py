@@ -9,8 +9,8 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, errors_of, on_record
+from teleop_rt.diagnosis.inference.ranked import explains, family_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.inference.verdict import explains, family_of
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.noise_floor import noise_floor, with_own_noise

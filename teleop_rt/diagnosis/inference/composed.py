@@ -10,8 +10,9 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.inference.starts import Start, extended, gain_of_slopes, points_of
+from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.course import Course
-from teleop_rt.diagnosis.models.fit import Fit, Problem, grid, stiffer
+from teleop_rt.diagnosis.models.fit import Fit, Problem, stiffer
 from teleop_rt.diagnosis.models.model import (
     JUMPS,
     SURFACE,

@@ -15,9 +15,9 @@ from teleop_rt.diagnosis.inference.discrepancy import (
 )
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
+from teleop_rt.diagnosis.inference.ranked import leaves_structure
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, in_rounds
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
-from teleop_rt.diagnosis.inference.verdict import leaves_structure
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit

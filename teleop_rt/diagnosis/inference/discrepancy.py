@@ -16,9 +16,10 @@ from teleop_rt.diagnosis.criteria import (
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
+from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
-from teleop_rt.diagnosis.inference.verdict import Judgement, Ranked
+from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import lawless_noise

@@ -5,16 +5,11 @@ from __future__ import annotations
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE, SECOND_SHARE
 from teleop_rt.diagnosis.inference.pairs import MOST_PAIRS, exchanged, fit_without, search_pairs
+from teleop_rt.diagnosis.inference.ranked import Ranked, certain, excess_of, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.second import both_needed
 from teleop_rt.diagnosis.inference.tones import adds_tone
-from teleop_rt.diagnosis.inference.verdict import (
-    Ranked,
-    certain,
-    excess_of,
-    leaves_structure,
-    simpler_names,
-)
+from teleop_rt.diagnosis.inference.verdict import simpler_names
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 

@@ -9,8 +9,8 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.answers.errors import Blocks, explained
 from teleop_rt.diagnosis.criteria import CONFIRMED_SHARE, SECOND_SHARE
+from teleop_rt.diagnosis.inference.ranked import Ranked, leaves_structure
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.inference.verdict import Ranked, leaves_structure
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit
 

@@ -10,14 +10,12 @@ import numpy as np
 from teleop_rt.diagnosis.criteria import (
     SEARCHED_SHAPE_FACTOR,
 )
+from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.tones import (
     noise_beside_tone,
     shows_tone_or_air_force,
 )
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
-from teleop_rt.diagnosis.inference.verdict import (
-    Ranked,
-)
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import (
     converter_floor,

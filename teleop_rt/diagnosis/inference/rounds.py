@@ -14,15 +14,10 @@ from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.needed import needed_pairs
 from teleop_rt.diagnosis.inference.pairs import alike
+from teleop_rt.diagnosis.inference.ranked import Ranked, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
-from teleop_rt.diagnosis.inference.verdict import (
-    Judgement,
-    Ranked,
-    joined,
-    judge,
-    leaves_structure,
-)
+from teleop_rt.diagnosis.inference.verdict import Judgement, joined, judge
 from teleop_rt.diagnosis.inference.weighing import weigh_singles
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base

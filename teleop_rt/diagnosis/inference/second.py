@@ -22,8 +22,8 @@ from teleop_rt.diagnosis.criteria import (
     SIGMAS,
 )
 from teleop_rt.diagnosis.inference.pairs import fit_without, without
+from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.tones import adds_tone
-from teleop_rt.diagnosis.inference.verdict import Ranked
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.models.simulate import first_order

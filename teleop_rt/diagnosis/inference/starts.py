@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Vector
-from teleop_rt.diagnosis.models.fit import Fit, Problem, grid
+from teleop_rt.diagnosis.models.axes import grid
+from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import explained
 from teleop_rt.diagnosis.models.model import CandidateModel, phases
 from teleop_rt.diagnosis.noise.whiten import Matrix

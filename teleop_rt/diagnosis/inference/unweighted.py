@@ -16,7 +16,8 @@ from teleop_rt.diagnosis.criteria import (
     PARTIAL_SHARE,
     REDRAWN_NOISE_RATIO,
 )
-from teleop_rt.diagnosis.inference.verdict import Judgement, family_of
+from teleop_rt.diagnosis.inference.ranked import family_of
+from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 

@@ -11,11 +11,11 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.laws import by_other_laws
 from teleop_rt.diagnosis.inference.pairs import coarse_pairs
+from teleop_rt.diagnosis.inference.polishing import polished
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
     coarse_singles,
     fit_base,
-    polished,
     search_singles,
 )
 from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Amplitude, Effect, Scale, Shape, Vector
+from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.law import touches
+from teleop_rt.diagnosis.models.axes import Axes
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.least_squares import (
@@ -20,7 +21,7 @@ from teleop_rt.diagnosis.models.least_squares import (
     uncentred,
     within_bounds,
 )
-from teleop_rt.diagnosis.models.model import CandidateModel, bounds
+from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
 from teleop_rt.diagnosis.noise.saturated import Flexible, basis
 from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
@@ -173,7 +174,7 @@ class Problem:
         """
         if not model.coordinates:
             return self.solve(model, start)
-        axes = _Axes.of(model, self.motion.scales)
+        axes = Axes.of(model, self.motion.scales)
         place = np.clip(axes.place(start), *_INSIDE)
         fit = self.solve(model, axes.value(place))
         slopes, damping = self._slopes(fit, axes, place), _DAMPING
@@ -201,7 +202,7 @@ class Problem:
                 moving, damping = everything, 10.0 * damping
         return fit
 
-    def _slopes(self, fit: Fit, axes: _Axes, place: Vector) -> Matrix:
+    def _slopes(self, fit: Fit, axes: Axes, place: Vector) -> Matrix:
         """Return the derivatives of the whitened prediction, orthogonal to the linear columns."""
         rows = np.empty((place.size, self.force.size))
         steps = np.where(place < 0.5, _DERIVATIVE_STEP, -_DERIVATIVE_STEP)
@@ -243,46 +244,6 @@ def _damped_step(
     return step, float(2.0 * right @ step - step @ gram @ step)
 
 
-@dataclass(frozen=True)
-class _Axes:
-    """Nonlinear parameters on axes from 0 to 1, between their bounds."""
-
-    shapes: tuple[Shape | Amplitude, ...]
-    lower: Vector
-    upper: Vector
-
-    @classmethod
-    def of(cls, model: CandidateModel, scales: Mapping[Scale, float]) -> _Axes:
-        shapes = tuple(coordinate.shape for coordinate in model.coordinates)
-        edges = [sorted(_to_unit_axis(s, b) for b in bounds(s, scales)) for s in shapes]
-        return cls(shapes, np.array([e[0] for e in edges]), np.array([e[1] for e in edges]))
-
-    def place(self, zeta: Vector) -> Vector:
-        axis = np.array([_to_unit_axis(s, z) for s, z in zip(self.shapes, zeta, strict=True)])
-        return np.asarray((axis - self.lower) / (self.upper - self.lower), dtype=np.float64)
-
-    def value(self, place: Vector) -> Vector:
-        axis = self.lower + place * (self.upper - self.lower)
-        return np.array([_from_unit_axis(s, w) for s, w in zip(self.shapes, axis, strict=True)])
-
-
-def _to_unit_axis(shape: Shape | Amplitude, value: float) -> float:
-    """Return the coordinate in which the parameter is searched: plain, logarithm or reciprocal."""
-    if isinstance(shape, Shape) and shape.logarithmic:
-        return float(np.log(value))
-    if isinstance(shape, Shape) and shape.reciprocal:
-        return 1.0 / value
-    return float(value)
-
-
-def _from_unit_axis(shape: Shape | Amplitude, axis: float) -> float:
-    if isinstance(shape, Shape) and shape.logarithmic:
-        return float(np.exp(axis))
-    if isinstance(shape, Shape) and shape.reciprocal:
-        return 1.0 / axis
-    return float(axis)
-
-
 def stiffer(model: CandidateModel, theta: Vector, compliance: float) -> Vector:
     """Return linear parameters with the stiffness corrected for a compliance in series."""
     found = theta.copy()
@@ -290,17 +251,3 @@ def stiffer(model: CandidateModel, theta: Vector, compliance: float) -> Vector:
         place = [linear.name for linear in model.linear].index("k")
         found[place] /= max(1.0 - compliance * found[place], 0.1)
     return found
-
-
-def grid(shape: Shape | Amplitude, scales: Mapping[Scale, float]) -> list[float]:
-    """Return the grid of a parameter on which a search starts."""
-    low, high = bounds(shape, scales)
-    if isinstance(shape, Amplitude):
-        sizes = np.geomspace(high / 200.0, 0.8 * high, shape.points)
-        return [*(-sizes[::-1] if low < 0.0 else []), *sizes]
-    if shape.points == 1:
-        return [shape.start]
-    ends = sorted((_to_unit_axis(shape, low), _to_unit_axis(shape, high)))
-    edge = 0.5 / shape.points * (ends[1] - ends[0])
-    axis = np.linspace(ends[0] + edge, ends[1] - edge, shape.points)
-    return [_from_unit_axis(shape, w) for w in axis]
