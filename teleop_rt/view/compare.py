@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.trial.felt_force import read_truth
 from teleop_rt.trial.grades import Grade, grades, lost_share, of_error, selected_nrmse, worst
 from teleop_rt.view.charts import Chart, Curve, Panel, robust_limits, settled_limits
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
@@ -157,11 +158,21 @@ def _share(value: float | None, grade: Grade, *, ratio: bool = True) -> _Raw:
 
 
 def different_keys(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
-    """Return the keys of the trials that are not the same in all runs, with each run's value."""
-    flat = [dict(_flat(run.trial)) for run in runs]
+    """Return the keys of the trials that are not the same in all runs, with each run's value.
+
+    Effects that are hidden in the plant stand in no trial.yaml, but in what the plant wrote.
+    """
+    flat = [dict(_flat(run.trial)) | dict(_hidden(run)) for run in runs]
     keys = sorted({key for one in flat for key in one})
     rows = [(key, [one.get(key, "–") for one in flat]) for key in keys]
     return [(key, values) for key, values in rows if len(set(values)) > 1]
+
+
+def _hidden(run: Run) -> Iterator[tuple[str, str]]:
+    """Yield the keys of the effects that are hidden in a run's plant, in the rig's units."""
+    truth = read_truth(run.folder) or {}
+    if hidden := truth.get("undeclared"):
+        yield from _flat(hidden, "plant.undeclared")
 
 
 def _flat(content: Any, path: str = "") -> Iterator[tuple[str, str]]:

@@ -39,7 +39,7 @@ from teleop_rt.trial.grades import GRADE_COLOURS, grades
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view import figures, headline, run_folder, run_times
 from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
-from teleop_rt.view.compare import compared
+from teleop_rt.view.compare import compared, different_keys
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.run_folder import load_run, read_recorded
 from teleop_rt.view.style import RESIDUAL, parameter
@@ -349,6 +349,20 @@ def test_runs_stand_side_by_side_with_what_differs(good, stopped, call, tmp_path
         code, _, err = call("report", *folders)
         assert code == 2
         assert "--compare" in err
+
+
+def test_an_effect_hidden_in_the_plant_is_among_the_keys_that_differ(good, tmp_path):
+    folder = tmp_path / "layered"
+    shutil.copytree(good, folder)
+    truth = json.loads((folder / "truth.json").read_text())
+    truth["undeclared"] = [{"effect": "second_layer", "stiffness": 2500.0, "depth": 0.013}]
+    (folder / "truth.json").write_text(json.dumps(truth))
+    runs = [load_run(f, read_summary(f), read_recorded(f)) for f in (good, folder)]
+    assert different_keys(runs) == [
+        ("plant.undeclared[0].depth", ["–", "0.013"]),
+        ("plant.undeclared[0].effect", ["–", "second_layer"]),
+        ("plant.undeclared[0].stiffness", ["–", "2500"]),
+    ]
 
 
 def test_only_figures_with_a_zero_have_a_percentage_and_colour_follows_the_grade(good, stopped):
