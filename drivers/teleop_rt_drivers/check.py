@@ -12,6 +12,7 @@ from teleop_rt.axis import AxisError
 from teleop_rt.config_link import LinkConfig
 from teleop_rt.link.keys import KeyFileError, load_keys
 from teleop_rt.slave.pace import met_within_cap, unknown_speed
+from teleop_rt.trial.simulated_wall import unmet
 from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
 from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart
 from teleop_rt_drivers.bus import ADAPTERS, FDCANUSB, SOCKETCAN, UNIX, BusConfig
@@ -35,6 +36,7 @@ from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 from teleop_rt_drivers.registry import parts_of
 from teleop_rt_drivers.replayed_bus import REPLAY
+from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 from teleop_rt_drivers.slow_check import check_line_rates, check_overshoot, check_stamps
 from teleop_rt_drivers.stall_check import check_stalls
 from teleop_rt_drivers.transport import DEFAULT_BIT_RATE
@@ -93,6 +95,14 @@ def check_first_touch(trial: TrialConfig) -> list[Finding]:
         what = f"up to {limits.stiffness_max:g} {of_stiffness}: where nobody has been the tool is "
         what += f"no faster than {fastest:.3g} {unit.position}/s"
     return [Finding("ok", f"{promise} on an unknown wall of {what}", key)]
+
+
+def check_simulated_wall(trial: TrialConfig) -> list[Finding]:
+    """Return warnings where the trial does not meet the wall that is simulated for it."""
+    if not isinstance(trial.plant, SimulatedPlantConfig):
+        return []
+    found = unmet(trial, trial.plant.environment.model_dump())
+    return [Finding("warning", one.what, one.key, one.next_step) for one in found]
 
 
 def check_placeholders(rig: RigConfig) -> list[Finding]:

@@ -25,6 +25,7 @@ from teleop_rt_drivers.check import (
     check_network,
     check_placeholders,
     check_rig,
+    check_simulated_wall,
 )
 from teleop_rt_drivers.device_check import check_device
 from teleop_rt_drivers.doctor import (
@@ -50,7 +51,7 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
     rig, trial = _load(config, overrides)
     findings = check_rig(rig, None if trial is None else trial.slave.force_cap)
     if trial is not None:
-        findings += check_first_touch(trial) + check_link(trial.link)
+        findings += check_first_touch(trial) + check_simulated_wall(trial) + check_link(trial.link)
         if trial.plant is None and not isinstance(rig.axis, RecordingAxisConfig):
             findings += check_hardware_stalls(rig, "")
             if not between_processes(rig):

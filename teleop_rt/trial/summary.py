@@ -92,7 +92,7 @@ def summarise(
         "safety": outcome["safety"],
         "recorder": outcome["recorder"],
         "privileges": outcome.get("privileges", []),
-        "notes": all_notes(trial, slave, outcome, replayed, adequacy, timing["duration_s"]),
+        "notes": all_notes(trial, slave, outcome, replayed, adequacy, truth, timing["duration_s"]),
     }
     return summary | {"grades": grades(summary)}
 

@@ -13,6 +13,7 @@ from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.grades import POOR_NRMSE, selected_nrmse
 from teleop_rt.trial.late import cause
+from teleop_rt.trial.simulated_wall import unmet
 
 Array = NDArray[np.float64]
 STRUCTURE = (
@@ -30,12 +31,14 @@ def all_notes(
     outcome: Mapping[str, Any],
     replayed: Replayed,
     adequacy: Mapping[str, Any],
+    truth: Mapping[str, Any] | None,
     duration_s: float,
 ) -> list[str]:
-    """Return the notes of a run that went on for `duration_s`."""
+    """Return the notes of a run that went on for `duration_s`; `truth` is the simulated plant's."""
     notes = notes_of(outcome, replayed)
     if adequacy["inadequate"]:
         notes.append(STRUCTURE)
+    notes += [str(one) for one in unmet(trial, truth["environment"])] if truth else []
     notes += _over_cap(trial, slave)
     notes += _steps(trial, slave)
     if outcome.get("interrupted"):

@@ -1,0 +1,38 @@
+"""A simulated wall that a trial cannot meet is explained, before the run and after it."""
+
+import pytest
+
+from teleop_rt.shipped import example, example_names
+
+OUT_OF_REACH = ("plant.environment.surface_m=0.5", "surface at 0.5 m is beyond limits.position_max")
+WALLS = [
+    OUT_OF_REACH,
+    ("plant.environment.surface_m=0.05", "past limits.position_max 0.06"),
+    ("plant.environment.stiffness_N_per_m=80000", "is above limits.stiffness_max 40000"),
+    ("plant.environment.stiffness_N_per_m=80000", "would press with 1600 N"),
+]
+
+
+@pytest.mark.parametrize(("change", "said"), WALLS)
+def test_check_warns_of_a_wall_that_is_not_met(change, said, call):
+    code, out, _ = call("check", "silicone_cube", "--set", change)
+    assert code == 0
+    (line,) = (line for line in out.splitlines() if said in line)
+    assert line.startswith("warning")
+
+
+def test_check_is_silent_on_the_walls_of_every_shipped_trial(call, monkeypatch):
+    monkeypatch.setenv("TELEOP_RT_DATA", "/nowhere")
+    for name in example_names("trials"):
+        _, out, _ = call("check", example("trials", name))
+        assert not [line for line in out.splitlines() if "plant." in line or " operator:" in line]
+
+
+@pytest.mark.usefixtures("no_pages")
+def test_the_summary_explains_a_wall_that_is_out_of_reach(call):
+    change, said = OUT_OF_REACH
+    changes = ("--set", change, "--set", "duration_s=0.5")
+    _, out, _ = call("run", "silicone_cube", "--clock", "simulated", *changes, "--out", "run")
+    lines = out.splitlines()
+    assert [line for line in lines if "note" in line and said in line]
+    assert [line for line in lines if line.startswith("!  model ") and "none selected" in line]
