@@ -40,7 +40,11 @@ def grades(summary: Mapping[str, Any]) -> dict[str, Grade]:
     return {
         "felt_force": of_felt_force(summary["master"]["nrmse"], summary["master"]["lag_ms"]),
         "phantom": of_peak(summary["master"].get("worst"), "phantom_force", "force_range"),
-        "model": of_model(selected_nrmse(summary), inadequate=inadequate),
+        "model": (
+            of_model(selected_nrmse(summary), inadequate=inadequate)
+            if summary["selected"]
+            else "attention"
+        ),
         "surface": of_peak((summary.get("contact") or {}).get("worst"), "surface_error", "deepest"),
         "safety": of_safety(summary["safety"]),
         "loop": of_loop(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config import TrialConfig
+from teleop_rt.estimation import watch
 from teleop_rt.metrics import lag_s, nrmse
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
@@ -48,6 +49,7 @@ _SIGNALS = {
         "contact_id",
         "surface",
         "inadequate",
+        "predicted_force",
         "wake_latency_us",
         "work_us",
     ),
@@ -73,7 +75,7 @@ def summarise(
     master = rows_to_compare(slave, topics.get("/master", {}))
     truth = read_truth(folder)
     replayed = replay_estimators(trial, slave)
-    adequacy, timing = _adequacy(slave), _timing(slave, outcome)
+    adequacy, timing = _adequacy(slave, trial.rig.period_ns * 1e-9), _timing(slave, outcome)
     summary = {
         "trial": trial.name,
         "began_at": began_at(folder),
@@ -111,14 +113,14 @@ def _timing(slave: Mapping[str, Array], outcome: Mapping[str, Any]) -> dict[str,
     }
 
 
-def _adequacy(slave: Mapping[str, Array]) -> dict[str, Any]:
+def _adequacy(slave: Mapping[str, Array], period_s: float) -> dict[str, Any]:
     """Return whether the selected model left structure in the force, when, and for how long."""
     flags = slave.get("inadequate", np.empty(0)) > 0
     contact = slave.get("in_contact", np.empty(0)) > 0
     raised = np.flatnonzero(flags)
     touched = int(np.count_nonzero(contact))
     return {
-        "inadequate": bool(flags[-1]) if flags.size else None,
+        "inadequate": bool(flags[-1]) if raised.size or _judged(slave, period_s) else None,
         "raised": bool(raised.size),
         "first_raised_s": (
             float((slave["stamp_ns"][raised[0]] - slave["stamp_ns"][0]) * 1e-9)
@@ -127,6 +129,16 @@ def _adequacy(slave: Mapping[str, Array]) -> dict[str, Any]:
         ),
         "share_of_contact": int(np.count_nonzero(flags & contact)) / touched if touched else None,
     }
+
+
+def _judged(slave: Mapping[str, Array], period_s: float) -> bool:
+    """Return whether the daemon saw enough of a selected model in contact to judge it."""
+    if "predicted_force" not in slave:
+        return False
+    watched = np.isfinite(slave["predicted_force"]) & (slave["in_contact"] > 0)
+    ends = np.flatnonzero(np.diff(watched, prepend=False, append=False))
+    blocks = ((ends[1::2] - ends[::2]) * period_s / watch.BLOCK_S).astype(int)
+    return float(np.sum(blocks)) * watch.BLOCK_S >= watch.LEAST_S
 
 
 def _duration_s(slave: Mapping[str, Array]) -> float:

@@ -59,7 +59,7 @@ class Adequacy(Keys):
     """Whether the selected model left structure in the force."""
 
     inadequate: bool | None
-    """Whether it did at the end; null without a tick."""
+    """Whether it did at the end; null where there was too little contact to judge it."""
     raised: bool
     """Whether it ever did."""
     first_raised_s: float | None

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.section import Units
-from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, grades, of_fault
+from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, grades, of_error, of_fault, selected_nrmse
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
 
 _GRADED = {
@@ -78,9 +78,19 @@ def _number(value: float | None, unit: str, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}g}{unit}"
 
 
+def _model(summary: Mapping[str, Any]) -> str:
+    """Return what is to be said of the selected model: the reason of its grade, whichever it is."""
+    if not summary["selected"]:
+        return f"none selected: {summary['contact'].get('reason', 'no contact')}"
+    error, said = selected_nrmse(summary), _adequacy(summary["adequacy"])
+    if error is not None and of_error(error) != "good":
+        return f"{said}; misses the force by {100 * error:.2g} % of its range"
+    return said
+
+
 def _adequacy(adequacy: Mapping[str, Any]) -> str:
-    if adequacy["share_of_contact"] is None:
-        return "not judged: no contact"
+    if adequacy["inadequate"] is None:
+        return "not judged: too little contact"
     if adequacy["inadequate"]:
         return f"inadequate, since {adequacy['first_raised_s']:.1f} s"
     if adequacy["raised"]:
@@ -167,7 +177,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *_handle(master),
         *worst_lines(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
-        ("model", _adequacy(summary["adequacy"])),
+        ("model", _model(summary)),
         ("link", f"{packets}, {refused}"),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}"),

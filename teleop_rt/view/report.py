@@ -53,8 +53,7 @@ def content(run: Run) -> dict[str, Any]:
     """Return everything that the page of a run shows."""
     found = whiteness(run.residual[run.settled], run.step * run.period_s, _cutoff_hz(run))
     delays = one_way_delays(run.slave, run.master) if run.step == 1 else None
-    flags = run.slave.get("inadequate")
-    said = None if flags is None else bool(flags[-1] > 0)
+    said = (run.summary.get("adequacy") or {}).get("inadequate")
     residual = residual_verdict(found, run.force_noise, run.units.force, said)
     answers = tiles(run, residual, delays)
     return {

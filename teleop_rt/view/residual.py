@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 LAGS = 20
 """Lags of the autocorrelation in the test for whiteness."""
-EXPLAINED, INADEQUATE = "explained by the model", "model inadequate"
+ADEQUATE, INADEQUATE = "model adequate", "model inadequate"
 _MISSING = "; an effect is missing: run teleop-rt diagnose"
 _LEAST = 4 * LAGS
 _SURE = 1e-3  # p-value: of 1000 white residuals one is called correlated
@@ -81,11 +81,12 @@ def verdict(
     A residual below twice the sensor's noise is called explained even where it is coloured, for
     then no model would serve the hand better; above it, colour means that an effect is missing.
     """
-    if found is None and inadequate:
+    if found is None and inadequate is not None:
+        unknown = "too little contact after the model had settled to show its size"
         return {
-            "grade": "attention",
-            "title": INADEQUATE,
-            "text": f"too little contact after the model had settled to show its size{_MISSING}",
+            "grade": "attention" if inadequate else "good",
+            "title": INADEQUATE if inadequate else ADEQUATE,
+            "text": unknown + (_MISSING if inadequate else ""),
         }
     if found is None:
         return {
@@ -101,11 +102,11 @@ def verdict(
         text += _MISSING if inadequate else ""
         return {
             "grade": "attention" if inadequate else "good",
-            "title": INADEQUATE if inadequate else EXPLAINED,
+            "title": INADEQUATE if inadequate else ADEQUATE,
             "text": text,
         }
     if ratio <= NOTABLE:
-        return {"grade": "good", "title": EXPLAINED, "text": text}
+        return {"grade": "good", "title": ADEQUATE, "text": text}
     if found.white:
         text += "; the noise is larger than the rig says: check sensors.force_noise"
         return {"grade": "attention", "title": "noisy", "text": text}

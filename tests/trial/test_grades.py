@@ -8,7 +8,7 @@ from teleop_rt.trial import grades
 def summary(**changes):
     parts = {
         "master": {"nrmse": 0.001, "lag_ms": 0.0},
-        "selected": None,
+        "selected": {"model": "kelvin-voigt"},
         "estimators": [],
         "adequacy": {"inadequate": False},
         "safety": {"fault": {"code": 0}, "unsafe": []},
@@ -39,6 +39,7 @@ def worst_surface(error, deepest=0.02):
         ({}, "model", "good"),
         ({"adequacy": {"inadequate": True}}, "model", "attention"),
         ({"adequacy": {"inadequate": None}}, "model", "unknown"),
+        ({"selected": None}, "model", "attention"),
         ({"safety": {"fault": {"code": 3}}}, "safety", "bad"),
         ({"safety": {"fault": {"code": 0}, "unsafe": ["no watchdog"]}}, "safety", "bad"),
         ({"safety": {"fault": {"code": None}}}, "safety", "unknown"),

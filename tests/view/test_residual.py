@@ -28,6 +28,7 @@ def test_the_daemons_own_word_on_its_model_decides():
 def test_a_residual_that_is_too_short_is_not_judged():
     assert residual.whiteness(np.full(9, np.nan), 1e-3, 60.0) is None
     assert residual.verdict(None, 0.05, "N")["grade"] == "unknown"
-    assert residual.verdict(None, 0.05, "N", inadequate=False)["grade"] == "unknown"
+    judged = residual.verdict(None, 0.05, "N", inadequate=False)  # by the daemon, on more of it
+    assert (judged["grade"], judged["title"]) == ("good", residual.ADEQUATE)
     reported = residual.verdict(None, 0.05, "N", inadequate=True)
     assert (reported["grade"], reported["title"]) == ("attention", "model inadequate")
