@@ -14,6 +14,7 @@ from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import refuse_other_units
 from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.drafting import write_draft
+from teleop_rt.offline.exchanged import exchanged
 from teleop_rt.offline.find import digest_of, refuse_itself
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay, write_trace
@@ -126,6 +127,8 @@ class Diagnosing:
         found = diagnose(
             loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
         )
+        if (hint := exchanged(loaded)) is not None:
+            found.answer["notes"].append(hint)
         if self.out is not None:
             enter("writing page and model")
             folder = self._folder(name)
