@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.errors import ExpectedError
+from teleop_rt.kernel_record import record_type
 
 
 class AxisFault(IntEnum):
@@ -28,7 +33,68 @@ NO_AXIS_FAULT = AxisFault.NONE
 """By this name a tick finds it at once: in Python 3.11 each look-up in an enum is a call."""
 
 
-@dataclass(slots=True)
+class SampleFields:
+    """Numbers of a sample, as kernels read and write them; flags are 0 or 1."""
+
+    stamp_ns: int
+    position: float
+    force: float
+    position_stamp_ns: int
+    force_stamp_ns: int
+    device_stamp_ns: int
+    valid: int
+    enabled: int
+    switch: int
+    missing: int
+    rejected: int
+    fault: int
+    has_drive_position: int
+    has_drive_force: int
+    drive_position: float
+    drive_force: float
+
+
+SAMPLE_TYPE = record_type(SampleFields)
+StoredSample = NDArray[np.record]
+_NAMES = list(SampleFields.__annotations__)
+_FAULTS = tuple(AxisFault)
+
+
+def sample_place(field: str) -> int:
+    """Return where a field is among the words of a sample."""
+    return _NAMES.index(field)
+
+
+# Any, for each attribute of a sample says its own type.
+def _number(name: str) -> Any:
+    place = sample_place(name)
+
+    def write(sample: Sample, value: float) -> None:
+        sample.floats[place] = value
+
+    return property(lambda sample: sample.floats[place], write)
+
+
+def _count(name: str, kind: Callable[[int], object] = int) -> Any:
+    place = sample_place(name)
+
+    def write(sample: Sample, value: int) -> None:
+        sample.counts[place] = value
+
+    return property(lambda sample: kind(sample.counts[place]), write)
+
+
+def _optional(name: str) -> Any:
+    place, has = sample_place(name), sample_place(f"has_{name}")
+
+    def write(sample: Sample, value: float | None) -> None:
+        sample.counts[has] = value is not None
+        if value is not None:
+            sample.floats[place] = value
+
+    return property(lambda sample: sample.floats[place] if sample.counts[has] else None, write)
+
+
 class Sample:
     """One reading of the axis, in the rig's units, reused every cycle.
 
@@ -40,24 +106,33 @@ class Sample:
     `switch` is true while the axis's home switch, if it has one, is closed. `drive_position` and
     `drive_force` are the drive's own measurements [rig unit], None where it gives none. `complaint`
     is what a device said of itself beside the fault, or which device is behind it.
+
+    Kernels fill `stored`, a record (1,) of `SampleFields`; `floats` and `counts` are its words.
     """
 
-    stamp_ns: int = 0
-    position: float = 0.0
-    force: float = 0.0
-    position_stamp_ns: int = 0
-    force_stamp_ns: int = 0
-    device_stamp_ns: int = -1
-    valid: bool = False
-    stale: str = ""
-    enabled: bool = False
-    switch: bool = False
-    missing: int = 0
-    rejected: int = 0
-    fault: AxisFault = AxisFault.NONE
-    complaint: str = ""
-    drive_position: float | None = None
-    drive_force: float | None = None
+    stamp_ns: int = _count("stamp_ns")
+    position: float = _number("position")
+    force: float = _number("force")
+    position_stamp_ns: int = _count("position_stamp_ns")
+    force_stamp_ns: int = _count("force_stamp_ns")
+    device_stamp_ns: int = _count("device_stamp_ns")
+    valid: bool = _count("valid", bool)
+    enabled: bool = _count("enabled", bool)
+    switch: bool = _count("switch", bool)
+    missing: int = _count("missing")
+    rejected: int = _count("rejected")
+    fault: AxisFault = _count("fault", _FAULTS.__getitem__)
+    drive_position: float | None = _optional("drive_position")
+    drive_force: float | None = _optional("drive_force")
+
+    def __init__(self, **fields: float | str | None) -> None:
+        self.stored: StoredSample = np.zeros(1, SAMPLE_TYPE)
+        words = self.stored.view(np.uint8).data
+        self.floats, self.counts = words.cast("d"), words.cast("q")
+        self.stale = self.complaint = ""
+        self.device_stamp_ns = -1
+        for name, value in fields.items():
+            setattr(self, name, value)
 
 
 class AxisError(ExpectedError):

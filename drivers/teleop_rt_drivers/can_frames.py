@@ -103,6 +103,11 @@ class SlotReader:
         return True
 
     @property
+    def all_slots(self) -> list[Slots]:
+        """All that `slots` may be."""
+        return [self._own] if self.door is None else [self._own, self.door.slots]
+
+    @property
     def received(self) -> int:
         """How many frames a kernel received by the door last."""
         return 0 if self.door is None else self.door.door.frames

@@ -4,35 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from teleop_rt.axis import Sample
+from teleop_rt.axis import Sample, sample_place
 from teleop_rt.estimation.grid import SampleGrid, gap_at
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Pipeline
 
-Feed = Callable[[Sample, bool], object]
-"""Takes a tick's sample, and whether it is valid."""
+Feed = Callable[[bool], object]
+"""Takes a tick's sample, valid only where that is true, too."""
+_POSITION, _FORCE = sample_place("position"), sample_place("force")
+_STAMP, _VALID = sample_place("stamp_ns"), sample_place("valid")
 
 
-def feed_of(pipeline: Pipeline, period_ns: int) -> Feed:
-    """Return how a tick's sample reaches the estimators of a loop of this period."""
+def feed_of(pipeline: Pipeline, period_ns: int, sample: Sample) -> Feed:
+    """Return how what is in a sample reaches the estimators of a loop of this period."""
     pairing = pipeline.settings.pairing(period_ns)
     if pairing is None:
         take = pipeline.on_grid(period_ns)
         if take is not None:
-            return _feed_at_once(take)
-        return _feed_ticks(pipeline, SampleGrid(period_ns))
-    return _feed_pairs(pipeline, pairing)
+            return _feed_at_once(take, sample)
+        return _feed_ticks(pipeline, SampleGrid(period_ns), sample)
+    return _feed_pairs(pipeline, pairing, sample)
 
 
-def _feed_at_once(take: Callable[[float, float, bool, int], object]) -> Feed:
+def _feed_at_once(take: Callable[[float, float, bool, int], object], sample: Sample) -> Feed:
     """Return the way of sensors that give a sample each tick, where one kernel takes it."""
-    return lambda sample, valid: take(sample.position, sample.force, valid, sample.stamp_ns)
+    floats, counts = sample.floats, sample.counts  # without a call for each number
+
+    def feed(ready: bool) -> None:
+        valid = ready and counts[_VALID] > 0
+        take(floats[_POSITION], floats[_FORCE], valid, counts[_STAMP])
+
+    return feed
 
 
-def _feed_ticks(pipeline: Pipeline, grid: SampleGrid) -> Feed:
+def _feed_ticks(pipeline: Pipeline, grid: SampleGrid, sample: Sample) -> Feed:
     """Return the way of sensors that give a sample each tick."""
 
-    def feed(sample: Sample, valid: bool) -> None:
+    def feed(ready: bool) -> None:
+        valid = ready and sample.valid
         if (gap := gap_at(grid.words, valid, sample.stamp_ns)) > 0:
             pipeline.skip(gap)
         pipeline.update(sample.position, sample.force, valid)
@@ -40,12 +49,16 @@ def _feed_ticks(pipeline: Pipeline, grid: SampleGrid) -> Feed:
     return feed
 
 
-def _feed_pairs(pipeline: Pipeline, pairing: Pairing) -> Feed:
+def _feed_pairs(pipeline: Pipeline, pairing: Pairing, sample: Sample) -> Feed:
     """Return the way of a slow sensor: each new force comes once, with its own position."""
 
-    def feed(sample: Sample, valid: bool) -> None:
-        if valid and pairing.take(
-            sample.position, sample.position_stamp_ns, sample.force, sample.force_stamp_ns
+    def feed(ready: bool) -> None:
+        if (
+            ready
+            and sample.valid
+            and pairing.take(
+                sample.position, sample.position_stamp_ns, sample.force, sample.force_stamp_ns
+            )
         ):
             position, force, gap = pairing.newest()
             if gap > 0:

@@ -53,12 +53,17 @@ class Tick:
     nothing_free: float
     supervised: int
     mode: int
-    # What came in with the tick, written by one call: sample, zeros, clock (see `CAME_IN`).
+    needs_drive_position: int
+    needs_drive_force: int
+    # What came in with the tick: clock and zeros, by one call (see `CAME_IN`), and the sample.
     tick: int
     now_ns: int
+    late_ns: int
+    ready: int
+    surface_shift: float
+    homed: int
     sample_stamp_ns: int
     usable: int
-    late_ns: int
     valid: int
     enabled: int
     missing: int
@@ -71,8 +76,6 @@ class Tick:
     has_drive_force: int
     drive_position: float
     drive_force: float
-    surface_shift: float
-    homed: int
     # The master's silence, and its newest motion.
     silence_ns: int
     has_motion: int

@@ -70,7 +70,7 @@ class Slave:
         self._estimate_log = estimate_log
         self._measure_work = measure_work
         self._sample = Sample()
-        self._feed = feed_of(pipeline, rig.period_ns)
+        self._feed = feed_of(pipeline, rig.period_ns, self._sample)
         self._period_ns = rig.period_ns
         self.record = record = TickRecord()
         self._floats, self._counts = record.floats, record.counts
@@ -89,7 +89,7 @@ class Slave:
         self.tick = 0
         self.missed_ticks = 0
         self._stamp_ns = 0
-        self._valid = False
+        self._ready = False
         self._force_from_drive = rig.axis.force_from_drive
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
@@ -104,7 +104,6 @@ class Slave:
 
     def _bind_step(self) -> None:
         """Bind the compiled step to its arrays, and run it once: no tick compiles or loads it."""
-        self._drive_values = self.supervision.drive.values
         self._decide = bound(decide, self._arrays(), CHECK)
         self._decide(CHECK)
         self.limiter.reset(self.limiter.position)
@@ -113,6 +112,7 @@ class Slave:
         """Return what `decide` works on, in the order of its arguments."""
         return (
             self.record.stored,
+            self._sample.stored,
             self._pipeline.stored,
             self.safety.late.record,
             self.safety.on_hardware.record,
@@ -246,38 +246,20 @@ class Slave:
         self._stamp_ns = self._now_ns()
         self._endpoint.poll()
         # Most rigs have neither zeros to find nor a force from the drive: no calls for those.
-        self._valid = (
-            sample.valid
-            and (not self._has_zeros or self.reference.ready)
-            and (not self._force_from_drive or self._is_of_contact(sample))
+        self._ready = (not self._has_zeros or self.reference.ready) and (
+            not self._force_from_drive or self._is_of_contact(sample)
         )
-        self._feed(sample, self._valid)
+        self._feed(self._ready)
 
     def _is_of_contact(self, sample: Sample) -> bool:
         """Return whether a drive's own force is that of contact: not once it lets go."""
         return sample.enabled and self.safety.state in _HOLDS
 
     def _take_in(self, late_ns: int) -> None:
-        """Write the sample, the zeros and the clock into the record of the tick."""
-        sample, stamp_ns = self._sample, self._stamp_ns
-        self._came_in(
-            self.tick,
-            stamp_ns,
-            sample.stamp_ns,
-            self._valid,
-            late_ns,
-            sample.valid,
-            sample.enabled,
-            sample.missing,
-            sample.fault,
-            sample.position,
-            sample.force,
-            sample.position_stamp_ns,
-            sample.force_stamp_ns,
-            *self._drive_values(sample),
-            self._pipeline.shift if self._shifts else 0.0,
-            self.reference.homed,
-        )
+        """Write the clock and the zeros into the record of the tick."""
+        shift = self._pipeline.shift if self._shifts else 0.0
+        homed = self.reference.homed
+        self._came_in(self.tick, self._stamp_ns, late_ns, self._ready, shift, homed)
 
     def _advance_zeros(self) -> int:
         """Advance tare and homing between the checks and the rest of the step."""

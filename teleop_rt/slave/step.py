@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from teleop_rt.axis import Sample, StoredSample
 from teleop_rt.contact import detection
 from teleop_rt.estimation import selection, watch
 from teleop_rt.estimation import state as estimation
@@ -29,7 +30,7 @@ from teleop_rt.slave.pace import pace
 from teleop_rt.slave.record import StoredTick, Tick, TickRecord
 from teleop_rt.slave.reference import joins
 from teleop_rt.slave.safety import check_safety, is_powered, stop
-from teleop_rt.slave.supervision import disagreement, unpowered
+from teleop_rt.slave.supervision import disagreement, take_in, unpowered
 
 CHECK, LEAD = range(2)
 """Where a step begins: at its start, or after the zeros have been advanced."""
@@ -185,6 +186,7 @@ def write_row(t: Tick, bank: estimation.BankState, link: Counts, row: Any) -> No
 @kernel
 def decide(
     stored: StoredTick,
+    samples: StoredSample,
     estimators: estimation.StateArray,
     late: Counts,
     on_hardware: Counts,
@@ -202,6 +204,7 @@ def decide(
     """
     t: Any = stored[0]
     if stage == CHECK:
+        take_in(t, samples[0])
         look_at_contact(t, estimators[0])
         t.silence_ns = intake.silence_of(end, t.now_ns)
         hear(t, motion[0])
@@ -226,5 +229,5 @@ def compile_step() -> None:
     record, row, link = TickRecord(), NamedRow(SLAVE).stored, counted.Statistics().words
     motion, end = NewestMotion().stored, intake.new_words(0, 0)
     state, body = estimation.new_state()[0], new_state()
-    decide(record.stored, state, late, late, link, end, motion, row, body, LEAD)
+    decide(record.stored, Sample().stored, state, late, late, link, end, motion, row, body, LEAD)
     stand_at(record.tick, 0.0)

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from typing import cast
 
-from teleop_rt.axis import Sample
+from teleop_rt.axis import Sample, SampleFields
 from teleop_rt.config_rig import Limits
 from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
 from teleop_rt.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import FAULTS, Fault
-from teleop_rt.slave.record import FieldSpan, Tick, TickRecord
+from teleop_rt.slave.record import Tick, TickRecord
 
 VELOCITY_MS = 10
 """Over so long the measured velocity is taken: quantisation is then below a hundredth of it."""
@@ -29,7 +30,20 @@ SLOW_SHARE = 0.01
 _DRIVE_SILENT, _OVERSPEED = faults.DRIVE_SILENT.code, faults.OVERSPEED.code
 _FOLLOWING_ERROR, _REPEATED = faults.FOLLOWING_ERROR.code, faults.POSITION_REPEATED.code
 _POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORCE_MISMATCH.code
-DRIVE = FieldSpan("has_drive_position", "drive_force")
+
+
+@kernel
+def take_in(t: Tick, s: SampleFields) -> None:
+    """Take a sample over; what the drive must measure, and does not, is not a number."""
+    t.usable = t.ready > 0 and s.valid > 0
+    t.valid, t.enabled, t.missing = s.valid, s.enabled, s.missing
+    t.axis_fault, t.sample_stamp_ns = s.fault, s.stamp_ns
+    t.position, t.force = s.position, s.force
+    t.position_stamp_ns, t.force_stamp_ns = s.position_stamp_ns, s.force_stamp_ns
+    t.has_drive_position = t.needs_drive_position > 0 or s.has_drive_position > 0
+    t.has_drive_force = t.needs_drive_force > 0 or s.has_drive_force > 0
+    t.drive_position = s.drive_position if s.has_drive_position > 0 else math.nan
+    t.drive_force = s.drive_force if s.has_drive_force > 0 else math.nan
 
 
 @kernel
@@ -144,10 +158,11 @@ class Supervision:
         resolution: float = 0.0,
     ) -> None:
         self._record = record or TickRecord()
-        self.drive = DriveValues(lacks)
         travel = limits.position_max - limits.position_min
         ticks_per_ms = rate_hz * 1e-3
         tick = self._record.tick
+        tick.needs_drive_position = "position_comparison" not in lacks
+        tick.needs_drive_force = "force_comparison" not in lacks
         tick.following_max = config.following_error_max or FOLLOWING_SHARE * travel
         tick.following_ticks = config.following_error_ms * ticks_per_ms
         least = max(REPEATED_SHARE * travel, REPEATED_STEPS * resolution)
@@ -178,26 +193,6 @@ class Supervision:
         axis that does not follow yet may be without power for as long as enabling may take.
         """
         tick = self._record.tick
-        tick.enabled, tick.force = sample.enabled, sample.force
-        tick.position_stamp_ns = sample.position_stamp_ns
-        DRIVE.write(self._record, *self.drive.values(sample))
+        take_in(tick, cast("SampleFields", sample.stored[0]))
         code = disagreement(tick, position, command, follows)
         return FAULTS[code] if code else None
-
-
-class DriveValues:
-    """Quantities that the drive measures, in the record of a tick; else not-a-number."""
-
-    def __init__(self, lacks: Collection[UnsafeWord] = ()) -> None:
-        self._needs_position = "position_comparison" not in lacks
-        self._needs_force = "force_comparison" not in lacks
-
-    def values(self, sample: Sample) -> tuple[bool, bool, float, float]:
-        """Return which count, and both; one that is missing, and must not be, is not a number."""
-        position, force = sample.drive_position, sample.drive_force
-        return (
-            self._needs_position or position is not None,
-            self._needs_force or force is not None,
-            math.nan if position is None else position,
-            math.nan if force is None else force,
-        )

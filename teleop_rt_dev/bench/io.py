@@ -49,7 +49,7 @@ def our_canopen(cycles: int) -> float:
     encoder, force, drive = axis._parts
     sources, words = axis._receiver._sources, axis.counters.words
     lives, readings = axis._receiver._heartbeats.lives, axis._receiver._readings
-    arrays = sources, words, lives, readings
+    arrays = sources, words, lives, readings, axis._receiver._sample.stored
     slots = np.zeros((len(FRAMES), WIDE.size), np.uint8)
     for place, (can_id, data) in enumerate(FRAMES.items()):
         FRAME.pack_into(slots[place], 0, can_id, len(data), data, 0)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import errno
 import random
 import socket
-from dataclasses import astuple, fields
 
 import can
 import pytest
 from can.interfaces.socketcan import socketcan
 from rig_bench import MS, START_NS, canopen_rig
 
-from teleop_rt.axis import AxisFault, Sample
+from teleop_rt.axis import AxisFault, Sample, SampleFields
 from teleop_rt_drivers.bus import BusConfig, open_bus
 from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, PACKETS_AT_ONCE
 from teleop_rt_drivers.can_frames import one_by_one, packed, plain_message
@@ -22,7 +21,8 @@ from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 from teleop_rt_drivers.socketcan_bus import DirectSocketcanBus
 from teleop_rt_drivers.unix_bus import UnixBus
 
-SAMPLE = [field.name for field in fields(Sample)]
+NUMBERS = [name for name in SampleFields.__annotations__ if not name.startswith("has_")]
+SAMPLE = [*NUMBERS, "stale", "complaint"]
 ENCODER, FORCE, DRIVE = 0x290, 0x1A0, 0x1B0
 PLAIN = ((ENCODER, 8), (FORCE, 5), (DRIVE, 8))
 """Their answers and how long they are."""
@@ -72,7 +72,7 @@ class Daemon:
         sample = Sample()
         self.axis.read_into(sample)
         self.now_ns += MS
-        return *astuple(sample), *self.axis.counters.values()
+        return *(getattr(sample, name) for name in SAMPLE), *self.axis.counters.values()
 
 
 def said_by_library(cycles: list[list[can.Message]]) -> list[tuple[object, ...]]:

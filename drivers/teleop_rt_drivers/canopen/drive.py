@@ -13,7 +13,14 @@ from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import Cia402State
 from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, kind_of
 from teleop_rt_drivers.canopen.source import SourceRecord, place
-from teleop_rt_drivers.drive_intent import ARMING, IDLE, POWERING, RUNNING, STOPPED
+from teleop_rt_drivers.drive_intent import (
+    ARMING,
+    IDLE,
+    POWERING,
+    RUNNING,
+    STOPPED,
+    Intent,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +34,7 @@ if TYPE_CHECKING:
 
 _STATUSWORD, _SEEN = place("statusword"), place("seen")
 _SILENT, _TARGET = place("silent_cycles"), place("target")
-_ACTUAL, _FORCE = place("actual"), place("force_counts")
+_ACTUAL, _RUNNING = place("actual"), place("running")
 _UNSEEN = -2
 """In place of the statusword that was looked at: it is to be looked at again."""
 
@@ -117,6 +124,7 @@ class Drive:
         if self._force_per_count is not None:
             force = tpdo.slot(cia402.ACTUAL_TORQUE)
             source.extra_at, source.extra_kind = tpdo.places[force], kind_of(tpdo.kinds[force])
+            source.force_gain = self._force_per_count
         source.statusword = source.seen = -1
         source.silent_cycles = SILENT_CYCLES
 
@@ -135,11 +143,10 @@ class Drive:
         """Return whether the drive follows commands, by a recent report of its own."""
         return self.intent is RUNNING and self.record.counts[_SILENT] < SILENT_CYCLES
 
-    @property
-    def force(self) -> float | None:
-        """The force that the drive measures [rig unit], None where it is not looked at."""
-        per_count = self._force_per_count
-        return None if per_count is None else per_count * self.record.floats[_FORCE]
+    def _intend(self, intent: Intent) -> None:
+        """Request this state from now on."""
+        self.intent = intent
+        self.record.counts[_RUNNING] = intent is RUNNING
 
     @property
     def faulty(self) -> bool:
@@ -158,15 +165,15 @@ class Drive:
         if statusword >= 0:
             self.state = cia402.drive_state(statusword)
         if self.intent is ARMING and self.state is _ENABLED:
-            self.intent = RUNNING
+            self._intend(RUNNING)
         elif self.intent is RUNNING and self.state is not _ENABLED:
-            self.intent = STOPPED
+            self._intend(STOPPED)
             self.fell_out = True
 
     def arm(self) -> None:
         """Begin the walk to operation enabled."""
         self.fell_out = False
-        self.intent = ARMING
+        self._intend(ARMING)
         self.record.counts[_SEEN] = _UNSEEN
         self._aligned = self._zero == "encoder"
 
@@ -174,7 +181,7 @@ class Drive:
         """Begin again without power."""
         self.replies.reset()
         self.fell_out = False
-        self.intent = IDLE
+        self._intend(IDLE)
         self.state = Cia402State.NOT_READY
         source = self.record.source
         source.statusword = source.seen = -1
@@ -220,7 +227,7 @@ class Drive:
 
     def stop_command(self) -> bytes:
         """Return the frame that stops the drive, and ask for nothing else from now on."""
-        self.intent = STOPPED
+        self._intend(STOPPED)
         self._stay()
         if self._torque is not None:
             self._push(self._torque, None)

@@ -13,6 +13,7 @@ from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, put_frame, take_pa
 from teleop_rt_drivers.canopen.intake import take_cycle
 
 if TYPE_CHECKING:
+    from teleop_rt.axis import StoredSample
     from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
     from teleop_rt_drivers.canopen.source import Readings, SourceFields, Sources
@@ -76,6 +77,7 @@ def exchange(
     counts: Whole,
     lives: Lives,
     readings: Readings,
+    samples: StoredSample,
     door: Doors,
     lengths: Lengths,
     slots: Slots,
@@ -93,7 +95,9 @@ def exchange(
     if count == UNUSUAL:
         return UNUSUAL
     sync_ns = syncs[0].sent_ns
-    events = take_cycle(sources, counts, lives, readings, slots, 0, count, sync_ns, now_ns, asks)
+    events = take_cycle(
+        sources, counts, lives, readings, samples, slots, 0, count, sync_ns, now_ns, asks
+    )
     if sends and events >= 0 and not send_sync(syncs, door, words):
         events |= UNSENT
     return events

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.axis import Sample
 from teleop_rt.jit import kernel
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
 from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
@@ -20,6 +21,7 @@ from teleop_rt_drivers.canopen.source import NOWHERE, SourceRecord, new_reading
 from teleop_rt_drivers.canopen.watch import hear, lost_life, new_lives
 
 if TYPE_CHECKING:
+    from teleop_rt.axis import SampleFields, StoredSample
     from teleop_rt_drivers.can_frames import Slots
     from teleop_rt_drivers.canopen.source import Reading, Readings, SourceFields, Sources
     from teleop_rt_drivers.canopen.watch import Lives
@@ -49,7 +51,7 @@ _SIZES = tuple(struct.calcsize("<" + kind) for kind in _KINDS)
 _LATE, _UNSOLICITED = CODES["late"], CODES["unsolicited"]
 _WRONG_LENGTH, _BAD_STATUS = CODES["wrong_length"], CODES["bad_status"]
 _NOT_A_NUMBER, _OUT_OF_RANGE = CODES["not_a_number"], CODES["out_of_range"]
-_SYNC_SENT = CODES["sync_sent"]
+_SYNC_SENT, _WITHOUT_SAMPLE = CODES["sync_sent"], CODES["cycles_without_sample"]
 _IMPOSSIBLE_JUMP, _SPEED_SATURATED = CODES["impossible_jump"], CODES["speed_saturated"]
 
 
@@ -241,22 +243,36 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
 
 
 @kernel
-def fill(r: Reading, sources: Sources) -> None:
-    """Write what the sources know; both values are as old as the older one."""
-    r.stamp_ns = 0
+def fill(r: Reading, s: SampleFields, sources: Sources) -> None:
+    """Write what the sources know into a sample; it is as old as the older value."""
+    s.stamp_ns = 0
     if r.encoder >= 0:
         encoder: Any = sources[r.encoder]
-        r.position, r.position_ns = encoder.value, encoder.stamp_ns
-        r.stamp_ns = encoder.stamp_ns
+        s.position, s.position_stamp_ns = encoder.value, encoder.stamp_ns
+        s.stamp_ns = encoder.stamp_ns
     if r.force_sensor >= 0:
         sensor: Any = sources[r.force_sensor]
-        r.force, r.force_ns = sensor.value, sensor.stamp_ns
-        if r.encoder < 0 or r.force_ns < r.stamp_ns:
-            r.stamp_ns = r.force_ns
+        s.force, s.force_stamp_ns = sensor.value, sensor.stamp_ns
+        if r.encoder < 0 or sensor.stamp_ns < s.stamp_ns:
+            s.stamp_ns = sensor.stamp_ns
     if r.drive >= 0:
         drive: Any = sources[r.drive]
-        r.drive_position = drive.offset + drive.gain * drive.actual
-        r.silent_cycles = drive.silent_cycles
+        s.enabled = drive.running > 0 and drive.silent_cycles < SILENT_CYCLES
+        s.has_drive_position, s.has_drive_force = 1, drive.extra_at >= 0
+        s.drive_position = drive.offset + drive.gain * drive.actual
+        s.drive_force = drive.force_gain * drive.force_counts
+
+
+@kernel
+def judge(r: Reading, s: SampleFields, events: int, counts: Whole) -> None:
+    """Write whether a cycle brought what a sample needs, and what has gone wrong so far."""
+    s.valid = events & (DUPLICATE - 1) == 0
+    if s.valid > 0:
+        r.missing = 0
+    else:
+        r.missing += 1
+        counts[_WITHOUT_SAMPLE] += 1
+    s.missing, s.rejected, s.fault, s.switch = r.missing, counts[TOTAL], r.fault, r.closed
 
 
 @kernel
@@ -265,6 +281,7 @@ def take_cycle(
     counts: Whole,
     lives: Lives,
     readings: Readings,
+    samples: StoredSample,
     slots: Slots,
     first: int,
     count: int,
@@ -274,8 +291,8 @@ def take_cycle(
 ) -> int:
     """Take frames from `first` on and end the cycle; with `asks` the next SYNC is sent then.
 
-    Return what `settle` does, LOST and CHANGED. Where a frame is for somebody else nothing has
-    ended: -1 minus its place.
+    The sample is filled, but for what Python makes of the events. Return what `settle` does, LOST
+    and CHANGED. Where a frame is for somebody else nothing has ended: -1 minus its place.
     """
     row = take_frames(sources, counts, lives, slots, first, count, now_ns)
     if row < count:
@@ -284,7 +301,8 @@ def take_cycle(
     if lost_life(lives, now_ns) >= 0:
         events |= LOST
     r: Any = readings[0]
-    fill(r, sources)
+    fill(r, samples[0], sources)
+    judge(r, samples[0], events, counts)
     if r.drive >= 0 and sources[r.drive].statusword != sources[r.drive].seen:
         events |= CHANGED
     if asks:
@@ -303,4 +321,5 @@ def load_kernels() -> None:
     lost_life(lives, 0)
     ask(sources)
     readings = new_reading(NOWHERE, NOWHERE, NOWHERE)
-    take_cycle(sources, counts, lives, readings, slots, 0, 0, 0, 0, True)  # noqa: FBT003 - as above
+    arrays = sources, counts, lives, readings, Sample().stored, slots
+    take_cycle(*arrays, 0, 0, 0, 0, True)  # noqa: FBT003 - as above

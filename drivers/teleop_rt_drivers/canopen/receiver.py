@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from teleop_rt.axis import NO_AXIS_FAULT, AxisFault
+from teleop_rt.axis import NO_AXIS_FAULT, AxisFault, Sample
 from teleop_rt.jit import bound
 from teleop_rt_drivers.can_door import UNUSUAL
 from teleop_rt_drivers.can_frames import (
@@ -24,13 +24,11 @@ from teleop_rt_drivers.canopen.intake import (
     CHANGED,
     DUPLICATE,
     LOST,
-    SILENT_CYCLES,
 )
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
-from teleop_rt_drivers.canopen.source import NOBODY, NOWHERE, new_reading, read_out, side_by_side
+from teleop_rt_drivers.canopen.source import NOBODY, NOWHERE, new_reading, side_by_side
 from teleop_rt_drivers.canopen.watch import HeartbeatConsumer, NodeGuards, error_frame_fault
-from teleop_rt_drivers.drive_intent import RUNNING
 from teleop_rt_drivers.drivetrain import Drivetrain
 
 if TYPE_CHECKING:
@@ -38,13 +36,12 @@ if TYPE_CHECKING:
 
     import can
 
-    from teleop_rt.axis import Sample
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.canopen.build import Parts
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.counters import Counters
     from teleop_rt_drivers.canopen.exchange import Syncs
-    from teleop_rt_drivers.canopen.source import Readings
+    from teleop_rt_drivers.canopen.source import Reading, Readings
 
     Data = bytes | bytearray
     Handler = Callable[[int, Data, int], object]
@@ -98,7 +95,7 @@ class Receiver:
         if self._drive is not None:
             self._drive.bind(self._drive.record.stored)
         self._readings = self._new_reading()
-        self._read = self._readings.view(np.uint8).data
+        self._reading = cast("Reading", self._readings[0])
         self._syncs, self._sync_words = syncs, syncs.view(np.int64).data
         self._names = {node.node_id: name for name, node in config.nodes.items()}
         guarded = {n.node_id: n.guarding.period_ms for n in config.nodes.values() if n.guarding}
@@ -107,22 +104,20 @@ class Receiver:
             {node.node_id: node.silence_ms for node in config.nodes.values()}, guarded
         )
         intake.load_kernels()
-        self._bind()
+        self._bind(Sample())
         self._switch = switch
-        self._closed = False
         self._handlers = self._handler_table()
         for record in records:
             cob_id = record.source.cob_id
             if cob_id in self._handlers or cob_id in self._heartbeats.lives["cob_id"]:
                 record.source.cob_id = NOBODY
-        self._missing = 0
         self._watching = False
 
     def reset(self) -> None:
         """Forget everything that the cycle knows."""
         self.fault = NO_AXIS_FAULT
         self.last_emergency = self.complaint = ""
-        self._missing = 0
+        self._reading.fault = self._reading.missing = 0
         self._watching = False
         if self._drive is not None:
             self._drive.disarm()
@@ -149,13 +144,25 @@ class Receiver:
 
         With `asks` the caller sends it right after this, unless a kernel can with `sends`.
         """
+        if sample is not self._sample:
+            self._bind(sample)
         events, sent = self._take(now_ns, asks=asks, sends=sends)
+        sample.stale = ""
         if events:
             self._find_faults(now_ns, events)
-        sample.valid = valid = not events & DUPLICATE - 1
-        sample.stale = "" if valid else self._stale(events)
-        self._fill(sample)
+            self._correct(sample, events)
+        if self._drivetrain is not None:
+            self._drivetrain.free(sample)
+        sample.complaint = self.last_emergency or self.complaint
         return sent
+
+    def _correct(self, sample: Sample, events: int) -> None:
+        """Write into a filled sample what the events of its cycle came to."""
+        if events & DUPLICATE - 1:
+            sample.stale = self._stale(events)
+        sample.fault = self.fault
+        if (drive := self._drive) is not None:
+            sample.enabled = drive.enabled
 
     def _take(self, now_ns: int, *, asks: bool, sends: bool) -> tuple[int, bool]:
         """Take a cycle's frames; return its events, and whether SYNC was sent."""
@@ -179,19 +186,22 @@ class Receiver:
             events = take_cycle(row + 1, count, sync_ns, now_ns, asks)
         return events, False
 
-    def _bind(self) -> None:
-        """Bind what takes a cycle's frames: from the reader's slots, and by the bus's door."""
-        arrays = self._sources, self._words, self._heartbeats.lives, self._readings
+    def _bind(self, sample: Sample) -> None:
+        """Bind what takes a cycle's frames: from the reader's slots, and by the bus's door.
+
+        It fills this sample from now on.
+        """
+        self._sample = sample
+        lives = self._heartbeats.lives
+        arrays = self._sources, self._words, lives, self._readings, sample.stored
         reader = self._reader
         self._exchange = None
-        all_slots = [reader.slots]
         if (door := reader.door) is not None:
-            all_slots.append(door.slots)
             more = *door.arrays, door.words, self._syncs
             self._exchange = bound(exchange, (*arrays, *more), 0, True, True)  # noqa: FBT003
         self._bound = {
             id(slots): bound(intake.take_cycle, (*arrays, slots), 0, 0, 0, 0, True)  # noqa: FBT003
-            for slots in all_slots
+            for slots in reader.all_slots
         }
 
     def _stale(self, events: int) -> str:
@@ -202,7 +212,7 @@ class Receiver:
     def raise_fault(self, fault: AxisFault) -> None:
         """Latch the first fault; later ones are its consequences."""
         if self.fault is NO_AXIS_FAULT:
-            self.fault = fault
+            self.fault, self._reading.fault = fault, int(fault)
 
     def _handler_table(self) -> dict[int, Handler]:
         """Return what to do with a frame that is no source's, by its id."""
@@ -225,7 +235,7 @@ class Receiver:
             self.counters["wrong_length"] += 1
             return
         inputs = codec.struct.unpack(data)[codec.slot(drive.switch.entry)]
-        self._closed = inputs >> drive.switch.bit & 1 == drive.switch.closed
+        self._reading.closed = inputs >> drive.switch.bit & 1 == drive.switch.closed
 
     def _on_guarded(self, can_id: int, data: Data, now_ns: int) -> None:
         node = can_id & 0x7F
@@ -315,28 +325,3 @@ class Receiver:
         if (lost := self._heartbeats.lost(now_ns)) is not None:
             self.raise_fault(AxisFault.DEVICE_LOST)
             self.complaint = f"{self._names.get(lost, 'node')} (0x{lost:02X}): its heartbeat ended"
-
-    def _fill(self, sample: Sample) -> None:
-        """Write what is known into the caller's sample; `valid` is already set."""
-        if sample.valid:
-            self._missing = 0
-        else:
-            self._missing += 1
-            self.counters["cycles_without_sample"] += 1
-        position, force, drive_position, position_ns, force_ns, sample.stamp_ns, silent = read_out(
-            self._read
-        )
-        if self._encoder is not None:
-            sample.position, sample.position_stamp_ns = position, position_ns
-        if self._force is not None:
-            sample.force, sample.force_stamp_ns = force, force_ns
-            if self._drivetrain is not None:
-                self._drivetrain.free(sample)
-        if (drive := self._drive) is not None:
-            sample.enabled = drive.intent is RUNNING and silent < SILENT_CYCLES
-            sample.drive_position, sample.drive_force = drive_position, drive.force
-        sample.switch = self._closed
-        sample.missing = self._missing
-        sample.rejected = self.counters.rejected
-        sample.fault = self.fault
-        sample.complaint = self.last_emergency or self.complaint

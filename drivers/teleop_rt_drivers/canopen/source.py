@@ -7,7 +7,6 @@ read and write by name.
 from __future__ import annotations
 
 import math
-import struct
 from typing import cast
 
 import numpy as np
@@ -53,7 +52,10 @@ class SourceFields:
     seen: int
     actual: float
     force_counts: float
+    force_gain: float
     silent_cycles: int
+    # Whether it is to follow, by the last statusword that was looked at.
+    running: int
     # Its command: places in the frame, and the target that was sent last [counts].
     target_at: int
     control_at: int
@@ -89,27 +91,22 @@ class SourceRecord:
 
 
 class Reading:
-    """Fields of what a cycle knows in the end: values with their stamps, and the drive's own.
+    """Fields of what a sample is made of.
 
-    `encoder`, `force_sensor` and `drive` are their places among the sources, or NOWHERE.
+    `encoder`, `force_sensor` and `drive` are their places among the sources, or NOWHERE; beside
+    them are the home switch, the latched fault, and cycles without a valid sample.
     """
 
-    position: float
-    force: float
-    drive_position: float
-    position_ns: int
-    force_ns: int
-    stamp_ns: int
-    silent_cycles: int
     encoder: int
     force_sensor: int
     drive: int
+    closed: int
+    fault: int
+    missing: int
 
 
 _READING = record_type(Reading)
 Readings = NDArray[np.record]
-read_out = struct.Struct("=3d4q").unpack_from
-"""Reads what a `Reading` begins with, up to `silent_cycles`, from its bytes."""
 
 
 def new_reading(encoder: int, force_sensor: int, drive: int) -> Readings:
