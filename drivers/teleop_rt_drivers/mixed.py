@@ -7,13 +7,14 @@ takes each value from the part that has it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.axis import NO_AXIS_FAULT, Sample
+from teleop_rt.axis import Sample, sample_place
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_supervision import UnsafeWord
+from teleop_rt.jit import bound, kernel
 from teleop_rt_drivers.actuators.config import CanActuator
 from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart
 from teleop_rt_drivers.canopen.config import CanopenPart
@@ -23,9 +24,12 @@ from teleop_rt_drivers.framed.stream import keep_arrivals
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from teleop_rt.axis import Axis
+    from teleop_rt.axis import Axis, StoredSample
 
 Part = CanopenPart | SerialPart | RawCanPart | CanActuator | DynamixelPart | FeetechPart
+
+
+_SWITCH, _REJECTED, _FAULT = map(sample_place, ("switch", "rejected", "fault"))
 
 
 def gives(part: Part) -> set[str]:
@@ -98,6 +102,37 @@ class MixedConfig(AxisConfig):
         return next(name for name, part in self.parts.items() if wanted in gives(part))
 
 
+@kernel
+def join(
+    positions: StoredSample,
+    forces: StoredSample,
+    drives: StoredSample,
+    samples: StoredSample,
+    closed: int,
+    rejected: int,
+    fault: int,
+) -> bool:
+    """Fill a sample (1,) from those of the parts; return whether it is valid.
+
+    How many cycles lack a valid one is left as it is, where this one does.
+    """
+    position: Any = positions[0]
+    force: Any = forces[0]
+    drive: Any = drives[0]
+    s: Any = samples[0]
+    s.valid = position.valid > 0 and force.valid > 0
+    s.position, s.position_stamp_ns = position.position, position.position_stamp_ns
+    s.force, s.force_stamp_ns = force.force, force.force_stamp_ns
+    s.stamp_ns = min(position.position_stamp_ns, force.force_stamp_ns)
+    s.device_stamp_ns, s.enabled = position.device_stamp_ns, drive.enabled
+    s.has_drive_position, s.drive_position = drive.has_drive_position, drive.drive_position
+    s.has_drive_force, s.drive_force = drive.has_drive_force, drive.drive_force
+    s.switch, s.rejected, s.fault = closed, rejected, fault
+    if s.valid > 0:
+        s.missing = 0
+    return bool(s.valid > 0)
+
+
 class MixedAxis:
     """Several axes as one: position, force and drive each from its own part."""
 
@@ -108,6 +143,7 @@ class MixedAxis:
         self._force = samples[config.giving("force")]
         self._drive = samples[config.giving("drive")]
         self._missing = 0
+        self._bind(Sample())
 
     @property
     def counters(self) -> dict[str, int]:
@@ -131,34 +167,27 @@ class MixedAxis:
 
     def read_into(self, sample: Sample) -> None:
         """Read every part. Never raises."""
-        fault, complaint = NO_AXIS_FAULT, ""
-        rejected = 0
+        if sample is not self._sample:
+            self._bind(sample)
+        closed = rejected = fault = 0
+        complaint = ""
         for _, part, own in self._parts:
             part.read_into(own)
-            rejected += own.rejected
-            if fault is NO_AXIS_FAULT:
-                fault = own.fault
-            complaint = own.complaint or complaint
-        position, force = self._position, self._force
-        sample.valid = position.valid and force.valid
-        sample.stale = ""
-        if not sample.valid:
-            sample.stale = position.stale or force.stale
-        self._missing = 0 if sample.valid else self._missing + 1
-        sample.position = position.position
-        sample.force = force.force
-        sample.position_stamp_ns = position.position_stamp_ns
-        sample.force_stamp_ns = force.force_stamp_ns
-        sample.stamp_ns = min(position.position_stamp_ns, force.force_stamp_ns)
-        sample.device_stamp_ns = position.device_stamp_ns
-        sample.enabled = self._drive.enabled
-        sample.drive_position = self._drive.drive_position
-        sample.drive_force = self._drive.drive_force
-        sample.switch = any(own.switch for _, _, own in self._parts)
-        sample.missing = self._missing
-        sample.rejected = rejected
-        sample.fault = fault
-        sample.complaint = complaint
+            counts = own.counts
+            closed, rejected = closed | counts[_SWITCH], rejected + counts[_REJECTED]
+            fault, complaint = fault or counts[_FAULT], own.complaint or complaint
+        valid = self._join(closed, rejected, fault)
+        self._missing = 0 if valid else self._missing + 1
+        sample.stale, sample.complaint = "", complaint
+        if not valid:
+            sample.stale = self._position.stale or self._force.stale
+            sample.missing = self._missing
+
+    def _bind(self, sample: Sample) -> None:
+        """Fill this sample from now on."""
+        self._sample = sample
+        read = self._position, self._force, self._drive
+        self._join = bound(join, tuple(one.stored for one in (*read, sample)), 0, 0, 0)
 
     def watch(self, seconds: float) -> None:
         """Wait so long, and note when what arrives meanwhile did so."""

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
+from teleop_rt.jit import bound
 from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig
 from teleop_rt_drivers.framed.signal import MeasuredSignal, Switch
 from teleop_rt_drivers.framed.stream import keep_arrivals
+from teleop_rt_drivers.framed.taking import (
+    FORCE_SHIFT,
+    NO_SAMPLE,
+    SILENT,
+    TOO_OLD,
+    UNUSUAL,
+    new_values,
+    settle_cycle,
+)
 from teleop_rt_drivers.quantity import plausible_force, plausible_position
 from teleop_rt_drivers.transport import serial_transport, timing_of
 
@@ -67,7 +78,8 @@ class FramedAxis:
         self.drivetrain: Drivetrain | None = None
         self._fault = NO_AXIS_FAULT
         self._complaint = ""
-        self._missing = 0
+        self._found = self._missing = 0
+        self._bind(Sample())
         self._configured = False
         self._watching = False
 
@@ -187,48 +199,54 @@ class FramedAxis:
 
     def read_into(self, sample: Sample) -> None:
         """Take what has arrived. Never raises."""
+        if sample is not self._sample:
+            self._bind(sample)
         now_ns, wrong = self._now_ns(), False
         for port in self._ports:
             port.drain(now_ns)
             wrong |= port.fault is not NO_AXIS_FAULT
         if not self._watching:
             self._begin(now_ns)
-        stale, oldest_ns = "", now_ns
-        for signal in self._signals:
-            signal.settle(now_ns)
-            wrong |= signal.silent
-            oldest_ns = min(oldest_ns, signal.stamp_ns)
-            if not (signal.usable or stale):
-                stale = signal.too_old
+        closed = self._switch is not None and self._switch.closed
+        found = self._settle(now_ns, closed, rejected(self.counters), self._fault)
+        sample.stale, self._found = "", found
         if (drive := self._drive) is not None:
             wrong |= drive.settle(now_ns)
             drive.fill(sample)
-        if wrong:
-            self._find_faults()
-        sample.stamp_ns, sample.stale, sample.valid = oldest_ns, stale, not stale
-        self._fill(sample)
-
-    def _fill(self, sample: Sample) -> None:
-        """Write what is known into the sample, which knows already whether it is valid."""
-        if sample.valid:
+        if not found & NO_SAMPLE:
             self._missing = 0
-        else:
+        if wrong or found & UNUSUAL:
+            self._correct(sample)
+        if self.drivetrain is not None and self._force is not None:
+            self.drivetrain.free(sample)
+        sample.complaint = self._complaint
+
+    def _correct(self, sample: Sample) -> None:
+        """Write into a filled sample what seldom happens: no new value, a jump, a fault."""
+        for signal, found in self._found_of_signals():
+            signal.note(found)
+            if found & TOO_OLD:
+                sample.stale = sample.stale or signal.too_old
+        if sample.stale:
             self._missing += 1
             self.counters["cycles_without_sample"] += 1
-        if (position := self._position) is not None:
-            sample.position = position.value
-            sample.position_stamp_ns = position.stamp_ns
-            sample.device_stamp_ns = position.device_stamp_ns
-        if (force := self._force) is not None:
-            sample.force = force.value
-            sample.force_stamp_ns = force.stamp_ns
-            if self.drivetrain is not None:
-                self.drivetrain.free(sample)
-        sample.switch = self._switch is not None and self._switch.closed
-        sample.missing = self._missing
-        sample.rejected = rejected(self.counters)
-        sample.fault = self._fault
-        sample.complaint = self._complaint
+            sample.missing = self._missing
+        self._find_faults()
+        sample.rejected, sample.fault = rejected(self.counters), self._fault
+
+    def _found_of_signals(self) -> list[tuple[MeasuredSignal, int]]:
+        """Return what the last cycle's values were found to be."""
+        found = (self._position, self._found), (self._force, self._found >> FORCE_SHIFT)
+        return [(signal, bits) for signal, bits in found if signal is not None]
+
+    def _bind(self, sample: Sample) -> None:
+        """Fill this sample from now on."""
+        self._sample, signals = sample, (self._position, self._force)
+        values = [new_values(1) if one is None else one.stored for one in signals]
+        has = tuple(one is not None for one in signals)
+        usual = *has, 0, False, 0, 0
+        settle = bound(settle_cycle, (*values, sample.stored), *usual)
+        self._settle = functools.partial(settle, *has)
 
     @property
     def watched(self) -> list[Watched]:
@@ -292,8 +310,8 @@ class FramedAxis:
 
     def _silent(self) -> str:
         """Return which device has been silent for longer than its timeout, "" for none."""
-        for signal in self._signals:
-            if signal.silent:
+        for signal, found in self._found_of_signals():
+            if found & SILENT:
                 return signal.lost
         drive = self._drive
         return drive.lost if drive is not None and drive.silent else ""

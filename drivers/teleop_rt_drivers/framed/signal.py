@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.quantity import Plausible, Scale
 
 _VALUE, _STAMP = taking.place("value"), taking.place("stamp_ns")
-_DEVICE_STAMP = taking.place("device_stamp_ns")
+_DEVICE_STAMP, _KNOWN = taking.place("device_stamp_ns"), taking.place("known")
 
 
 class Switch:
@@ -38,10 +38,9 @@ class Switch:
 class MeasuredSignal:
     """One value of the rig, from the newest frame that passed every check.
 
-    `value` [rig unit] and `stamp_ns` change only in `settle`; so does whether the value is `usable`
-    then: new since the last cycle, or no older than its hold time, and whether the source is
-    `silent` for longer than its timeout. `device_stamp_ns` is the device's own time of the value on
-    our clock, -1 without a clock.
+    `value` [rig unit] and `stamp_ns` change only where a cycle is settled: by `settle`, or by
+    `taking.settle_cycle` on what is `stored`. `device_stamp_ns` is the device's own time of the
+    value on our clock, -1 without a clock.
     """
 
     def __init__(
@@ -57,12 +56,7 @@ class MeasuredSignal:
         self.name = name
         self.lost = f"{name}: silent for more than {config.timeout_ms} ms"
         self.too_old = f"{name}: older than {held_ms:g} ms" if held_ms else f"{name}: no new value"
-        self.value = 0.0
-        self.stamp_ns = 0
-        self.device_stamp_ns = -1
-        self.known = False
         self.source = source
-        self.usable = self.silent = False
         self._slot = source.slot(config.field)
         self._counters = counters
         self._status_slot = -1 if config.status is None else source.slot(config.status.field)
@@ -81,21 +75,41 @@ class MeasuredSignal:
 
     def _store(self, stored: taking.StoredValue, scale: Scale, plausible: Plausible) -> None:
         """Write what kernels are to know of the value, and keep views of it."""
+        self.stored = stored
         self._state = state = cast("taking.Value", stored[0])
         state.offset, state.gain = scale.offset, scale.sign * scale.per_count
         state.lower, state.upper = plausible.lower, plausible.upper
         state.rate, state.slack = plausible.rate, plausible.slack
         state.has_clock = self._clock is not None
-        state.candidate, state.candidate_device_ns = math.nan, -1
+        state.candidate, state.candidate_device_ns, state.device_stamp_ns = math.nan, -1, -1
         state.slot, state.clock_slot = self._slot, self._clock_slot
         state.status_slot, state.good = self._status_slot, self._good
         words = stored.view(np.uint8).data
         self._floats, self._counts = words.cast("d"), words.cast("q")
 
+    @property
+    def value(self) -> float:
+        """The value that was taken over last [rig unit]."""
+        return self._floats[_VALUE]
+
+    @property
+    def stamp_ns(self) -> int:
+        """When its frame came, or when the watch began."""
+        return self._counts[_STAMP]
+
+    @property
+    def device_stamp_ns(self) -> int:
+        """The device's own time of the value."""
+        return self._counts[_DEVICE_STAMP]
+
+    @property
+    def known(self) -> bool:
+        """Whether a value was taken over since the last reset."""
+        return self._counts[_KNOWN] > 0
+
     def reset(self, now_ns: int) -> None:
         """Forget the value: the next one may be anywhere in range."""
-        self.known = False
-        self.stamp_ns = self._state.watched_ns = self._state.stamp_ns = now_ns
+        self._state.watched_ns = self._state.stamp_ns = now_ns
         self._state.known, self._state.candidate = 0, math.nan
 
     def begin(self, now_ns: int) -> None:
@@ -123,10 +137,10 @@ class MeasuredSignal:
     def settle(self, now_ns: int) -> bool:
         """Take over what this cycle brought if it did not jump; return whether it is new."""
         found = self._settle(now_ns)
-        if new := found & taking.NEW > 0:
-            self.value, self.stamp_ns = self._floats[_VALUE], self._counts[_STAMP]
-            self.device_stamp_ns, self.known = self._counts[_DEVICE_STAMP], True
-        elif found & taking.JUMPED:
+        self.note(found)
+        return found & taking.NEW > 0
+
+    def note(self, found: int) -> None:
+        """Count what the value of a cycle was found to be."""
+        if found & taking.JUMPED:
             self._counters["impossible_jump"] += 1
-        self.usable, self.silent = not found & taking.TOO_OLD, found & taking.SILENT > 0
-        return new

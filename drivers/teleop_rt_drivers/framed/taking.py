@@ -13,17 +13,24 @@ from teleop_rt.kernel_record import record_type
 from teleop_rt_drivers.device_clock import take_count
 
 if TYPE_CHECKING:
+    from teleop_rt.axis import StoredSample
     from teleop_rt_drivers.device_clock import Stored
 
 COUNTERS = ("", "bad_status", "not_a_number", "out_of_range", "repeated", "clock_outliers")
 """By code what counts a frame; the value of one whose time alone is an outlier is kept."""
 FINE, _BAD_STATUS, _NOT_A_NUMBER, _OUT_OF_RANGE, _REPEATED, _CLOCK_OUTLIER = range(len(COUNTERS))
 NOWHERE = -1
+FORCE_SHIFT = 4
+"""Bits of `settle_cycle` by which what the force is found to be lies above the position's."""
 NOTHING, NEW, JUMPED, TOO_OLD, SILENT = 0, 1, 2, 4, 8
 """Results of a cycle: no value, a new one, or one that is rejected because it jumped.
 
 Beside it, as bits: there is no new one and the last is too old to be held, and too old at all.
 """
+NO_SAMPLE = TOO_OLD | TOO_OLD << FORCE_SHIFT
+"""Bits of `settle_cycle` of which one makes a sample invalid."""
+UNUSUAL = NO_SAMPLE | (JUMPED | SILENT) << FORCE_SHIFT | JUMPED | SILENT
+"""Bits of `settle_cycle` for what seldom happens."""
 
 
 class Value:
@@ -126,6 +133,43 @@ def settle(stored: StoredValue, now_ns: int) -> int:
         found |= TOO_OLD
     if now_ns - max(s.stamp_ns, s.watched_ns) > s.timeout_ns:
         found |= SILENT
+    return int(found)
+
+
+@kernel
+def settle_cycle(
+    positions: StoredValue,
+    forces: StoredValue,
+    samples: StoredSample,
+    has_position: bool,
+    has_force: bool,
+    now_ns: int,
+    closed: bool,
+    rejected: int,
+    fault: int,
+) -> int:
+    """Settle those values (1,) that there are and fill a sample; return what they are found to be.
+
+    The sample is as old as the older value. How many cycles lack one is left as it is, where this
+    one does.
+    """
+    s: Any = samples[0]
+    s.stamp_ns, found = now_ns, 0
+    if has_position:
+        found = settle(positions, now_ns)
+        position: Any = positions[0]
+        s.position, s.position_stamp_ns = position.value, position.stamp_ns
+        s.device_stamp_ns = position.device_stamp_ns
+        s.stamp_ns = min(s.stamp_ns, position.stamp_ns)
+    if has_force:
+        found |= settle(forces, now_ns) << FORCE_SHIFT
+        force: Any = forces[0]
+        s.force, s.force_stamp_ns = force.value, force.stamp_ns
+        s.stamp_ns = min(s.stamp_ns, force.stamp_ns)
+    s.valid = found & NO_SAMPLE == 0
+    if s.valid > 0:
+        s.missing = 0
+    s.switch, s.rejected, s.fault = closed, rejected, fault
     return int(found)
 
 
