@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.core import TyperGroup
 
 from teleop_rt.cli import whole_run
 from teleop_rt_drivers import opening, operator_device
@@ -248,3 +249,12 @@ def test_matplotlib_does_not_report_its_font_cache(call, caplog):
     assert call("--version")[0] == 0
     logging.getLogger("matplotlib.font_manager").warning("Matplotlib is building the font cache")
     assert not caplog.records
+
+
+@pytest.mark.parametrize("phase", ["make_context", "invoke"])
+def test_an_interrupt_before_a_command_handles_it_ends_with_one_line(call, monkeypatch, phase):
+    def interrupted(*_arguments, **_more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(TyperGroup, phase, interrupted)
+    assert call("check", SILICONE) == (130, "", "interrupted\n")

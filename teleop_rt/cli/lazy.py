@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from teleop_rt.cli.pairs import PairsCommand
+from teleop_rt.interrupts import INTERRUPTED
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +58,16 @@ class LazyGroup(TyperGroup):
         name, shown, rest = super().resolve_command(ctx, args)
         return name, shown if name is None else self.load(name), rest
 
+    def make_context(self, *args: Any, **more: Any) -> Any:
+        """Parse the options of the group, or end with a line where an interrupt comes."""
+        with _interrupt_is_said():
+            return super().make_context(*args, **more)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, or end with a line where an interrupt comes that it does not handle."""
+        with _interrupt_is_said():
+            return super().invoke(ctx)
+
     def load(self, name: str) -> Any:
         """Return a command of the table, imported."""
         entry = self._table[name]
@@ -70,6 +83,16 @@ class LazyGroup(TyperGroup):
     def load_all(self) -> dict[str, Any]:
         """Return all commands by name, imported: for who describes them whole."""
         return {name: self.load(name) for name in self._table}
+
+
+@contextmanager
+def _interrupt_is_said() -> Iterator[None]:
+    """End with a line on standard error, and the exit code of it; typer would end silently."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _show_flags_plainly(command: Any) -> None:
