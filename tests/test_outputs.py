@@ -101,6 +101,18 @@ def test_new_files_overwrite_none_and_none_is_written(call, tmp_path):
     assert not (tmp_path / "mine" / "trials").exists()
 
 
+def test_a_second_trial_comes_beside_the_first_and_shares_what_is_alike(call, tmp_path):
+    assert call("new", "mine", "--trial", "silicone_cube")[0] == 0
+    assert call("new", "mine", "--trial", "hidden_layer")[0] == 0
+    assert {path.name for path in (tmp_path / "mine" / "trials").iterdir()} == {
+        "silicone_cube.yaml", "hidden_layer.yaml"
+    }  # fmt: skip
+    code, _, err = call("new", "mine", "--trial", "hidden_layer")
+    assert code == 2
+    assert "hidden_layer.yaml" in err
+    assert "already exists: name another folder" in err
+
+
 def test_of_every_command_it_is_known_whether_it_writes():
     asked = {words[0] for words in INTO_A_FOLDER} | {words[0] for words, _ in INTO_A_FILE}
     assert asked | WRITES_NOTHING | KEEPS_THE_OLD | {"new"} == set(app.commands)

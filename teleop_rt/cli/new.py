@@ -74,9 +74,13 @@ def _ask(kind: str, default: str) -> str:
 
 
 def _write(files: Mapping[Path, str]) -> None:
-    """Write files that are not there yet, or none of them. Raises OutputError, NewFilesError."""
-    refuse_existing(files, "name another folder")
-    for path, text in files.items():
+    """Write files that are not there yet, or none of them. Raises OutputError, NewFilesError.
+
+    What is there as it would be written stays: a second trial shares its rig with the first.
+    """
+    missing = {path: text for path, text in files.items() if not _stands(path, text)}
+    refuse_existing(missing or files, "name another folder")
+    for path, text in missing.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
@@ -84,3 +88,8 @@ def _write(files: Mapping[Path, str]) -> None:
             raise NewFilesError(
                 f"{path}: cannot be written: {error.strerror}: name another folder"
             ) from None
+
+
+def _stands(path: Path, text: str) -> bool:
+    """Return whether a file is there with this text, and nothing else."""
+    return path.is_file() and path.read_bytes() == text.encode()
