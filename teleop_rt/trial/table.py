@@ -68,7 +68,7 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
 
 def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
     std = parameter["std"]
-    spread = "" if std is None else f" +- {float(f'{std:.2g}'):g}"
+    spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     note = " (not identified)" if parameter.get("identified") is False else ""
     unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
     return f"{name} = {_number(parameter['value'], '', 5)}{spread}{unit}{note}"

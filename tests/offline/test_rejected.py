@@ -48,4 +48,4 @@ def test_replay_prints_the_note_and_no_deviation(call, tmp_path):
                             "--regressions", "direct")  # fmt: skip
         assert code == 0
         assert (f"note: {REJECTED}" in out) is (friction > 0.0)
-        assert ("+-" in out) is (friction == 0.0)
+        assert ("±" in out) is (friction == 0.0)
