@@ -17,6 +17,7 @@ _ONE = r"[num\u00b5]?(?:m|s|N|Nm|rad)|k(?:N|Nm|Hz|hz)|cm|deg|rev|min|hz|Hz|kg|in
 _UNIT = re.compile(rf"(.+?)_((?:{_ONE})(?:_s)?(?:_per_(?:{_ONE}))?)")
 """A key that ends with a unit, also a foreign one: its name and that unit."""
 _DECIMAL_COMMA = re.compile(r"([-+]?\d+),(\d+)")
+_WITH_UNIT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)\s*[a-zA-Zµ°]\S*")
 _NUMBERS = {"float_type": "a number", "int_type": "a whole number"}
 
 _DOTTED = re.compile(r"([a-z_]+(?:\.[a-z_]+)*):? (.+)", re.DOTALL)
@@ -78,6 +79,8 @@ def problem_of(
         message = f"must be text (it is {_shown(detail['input'])}): put it in quotes"
     elif detail["type"] in _NUMBERS:
         message = _no_number(_NUMBERS[detail["type"]], detail["input"])
+    elif detail["type"] == "literal_error" and isinstance(detail["input"], str):
+        message = _wrong_name(detail["ctx"]["expected"], detail["input"])
     elif not isinstance(detail["input"], dict):
         message = (
             f"{message.replace('Input should be', 'must be')} (it is {_shown(detail['input'])})"
@@ -90,7 +93,16 @@ def _no_number(wanted: str, given: object) -> str:
     """Say that a number is needed, and how a decimal comma is to be written."""
     comma = _DECIMAL_COMMA.fullmatch(given) if isinstance(given, str) else None
     hint = f": use a point for decimals, {comma[1]}.{comma[2]}" if comma else ""
+    if isinstance(given, str) and _WITH_UNIT.fullmatch(given):
+        hint = ": write the number alone, without its unit"
     return f"must be {wanted} (it is {_shown(given)}){hint}"
+
+
+def _wrong_name(expected: str, given: str) -> str:
+    """Say which names there are, and the one that may have been meant."""
+    near = difflib.get_close_matches(given, re.findall(r"'([^']+)'", expected), n=1)
+    hint = f": did you mean {near[0]!r}?" if near else ""
+    return f"must be {expected} (it is {_shown(given)}){hint}"
 
 
 def _wrong_tag(schema: type[Section], detail: ErrorDetails) -> str:

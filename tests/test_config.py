@@ -160,6 +160,16 @@ def test_a_decimal_comma_is_refused_with_the_point_that_is_meant(tmp_path):
     assert found[0].endswith("must be a number (it is '20,5'): use a point for decimals, 20.5")
 
 
+def test_a_number_with_its_unit_is_refused_with_what_to_write(tmp_path):
+    found = problems_of(tmp_path, overrides=["duration_s=20 s"])
+    assert found[0].endswith("(it is '20 s'): write the number alone, without its unit")
+
+
+def test_a_name_that_is_nearly_right_is_refused_with_the_one_that_is_meant(tmp_path):
+    found = problems_of(tmp_path, overrides=["estimation.models=[kelvin-voigd]"])
+    assert found[0].endswith("(it is 'kelvin-voigd'): did you mean 'kelvin-voigt'?")
+
+
 def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path):
     [rig] = problems_of(tmp_path, trial=RIG)
     assert "trial.yaml: is a rig: name a trial, whose key `rig` names this file" in rig

@@ -32,6 +32,7 @@ def test_a_bad_file_is_reported_and_the_others_are_still_done(call, tmp_path):
     ("option", "value", "message"),
     [
         ("--models", "maxwell", "unknown model 'maxwell'; one of: mass"),
+        ("--models", "kelvin-voigd", "unknown model 'kelvin-voigd'; did you mean 'kelvin-voigt'?"),
         ("--surface", "there", "write auto, or a position such as 0.01 or 10mm"),
         ("--surface", "10parsec", "unknown unit 'parsec' of surface; one of m, cm, mm"),
         ("--columns", "xs_rad", "write ROLE=NAME"),
@@ -85,7 +86,11 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(call, tmp_pa
 @pytest.mark.parametrize(
     ("base", "message"),
     [
-        ("kelvin", "unknown base 'kelvin': take one of mass"),
+        ("newton", "unknown base 'newton': take one of mass"),
+        (
+            "kelvin-voigd",
+            "unknown base 'kelvin-voigd': did you mean 'kelvin-voigt'? There are mass",
+        ),
         ("mass,contact-mass", "more than one of its terms has the parameter m"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.models import MODELS, ContactModel, DeclaredParameter
@@ -98,6 +99,13 @@ def whole_for(rows: Iterable[RowSpec]) -> Whole:
     return None if plain else WHOLE
 
 
+def _meant(name: str, known: Iterable[str]) -> str:
+    """Return the name that was probably meant, else all that there are."""
+    names = list(known)
+    near = get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"one of: {', '.join(names)}"
+
+
 def rows_for(
     models: Iterable[str],
     regressions: Iterable[str] = REGRESSIONS,
@@ -118,7 +126,7 @@ def rows_for(
     ):
         for name in names:
             if name not in known:
-                raise ValueError(f"unknown {kind} {name!r}; one of: {', '.join(known)}")
+                raise ValueError(f"unknown {kind} {name!r}; {_meant(name, known)}")
     rows = [
         RowSpec(model, regression, solver, effects, scales)
         for model in chosen[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -151,8 +152,10 @@ def base_of(description: str) -> Base:
     names = MODELS.get(description, tuple(part.strip() for part in description.split(",")))
     unknown = [name for name in names if name not in TERMS]
     if unknown:
+        near = get_close_matches(unknown[0], [*MODELS, *TERMS], n=1)
+        hint = f"did you mean {near[0]!r}? There are" if near else "take one of"
         raise ExpectedError(
-            f"unknown base {', '.join(unknown)!r}: take one of {', '.join(MODELS)}, or terms"
+            f"unknown base {', '.join(unknown)!r}: {hint} {', '.join(MODELS)}, or terms"
             f" joined by commas: {', '.join(TERMS)}"
         )
     terms = tuple(TERMS[name] for name in names)
