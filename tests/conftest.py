@@ -26,7 +26,7 @@ settings.load_profile("same draws")
 MANY_TEXTS = 100
 
 LONGEST = (
-    *("trial/test_close_loop", "test_drawn_hands", "test_package"),
+    *("trial/test_close_loop", "test_drawn_hands", "view/test_docs", "test_package"),
     *("trial/test_lockstep_trial", "study/test_delay", "view/test_run_report"),
     *("test_offline_commands", "drivers/test_drivetrain", "trial/test_close_loop_command"),
     *("view/test_pages_in_browser", "view/test_in_browser", "view/test_live_served", "test_jit"),
