@@ -7,7 +7,7 @@ from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE, SECOND_SHARE
 from teleop_rt.diagnosis.inference.pairs import MOST_PAIRS, exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.inference.ranked import Ranked, certain, excess_of, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking
-from teleop_rt.diagnosis.inference.second import both_needed
+from teleop_rt.diagnosis.inference.second import both_needed, extension_needed
 from teleop_rt.diagnosis.inference.tones import adds_tone
 from teleop_rt.diagnosis.inference.verdict import simpler_names
 from teleop_rt.diagnosis.models.fit import Fit
@@ -46,11 +46,20 @@ def needed_pairs(
     for pair in filter(needed, ranked):
         _improve_singles(rank, pair.fit, known)
     pairs = _likelier_than_form(list(filter(needed, ranked)), ranked, known)
-    # The likelihood chooses between a needed pair and its special case. The special case alone may
-    # absorb more of the other effect, which then gains less beside it, and is no less likely.
+    # The special case of a needed pair may absorb more of the other effect, which then gains less
+    # beside it; it stays in the choice unless the pair is needed over it.
     simpler = {names for pair in pairs for names in simpler_names(frozenset(pair.fit.names))}
     plain = [pair for pair in ranked if frozenset(pair.fit.names) in simpler and better(pair)]
     pairs += [pair for pair in plain if not any(pair is one for one in pairs)]
+
+    def outdone(pair: Ranked) -> bool:
+        """Return whether another pair is needed over this one, its special case."""
+        names = frozenset(pair.fit.names)
+        extended = [p for p in pairs if names in simpler_names(frozenset(p.fit.names))]
+        given = (singles[0], excess, floor)
+        return any(extension_needed(rank.problem, p, pair, *given) for p in extended)
+
+    pairs = [pair for pair in pairs if not outdone(pair)]
     return pairs, sorted(known.values(), key=lambda r: r.fit.bic)
 
 

@@ -76,6 +76,19 @@ def both_needed(
     return all(left.criterion(problem, fit) - joint > CERTAIN_BIC for fit in rivals)
 
 
+def extension_needed(
+    problem: Problem, pair: Ranked, simpler: Ranked, alone: Ranked, excess: float, floor: float
+) -> bool:
+    """Return whether a pair is needed over the one with a special case of one of its effects.
+
+    It is if it is likelier beside the form errors of both laws. `alone` is the best single effect;
+    `excess` and `floor` are those of `both_needed`.
+    """
+    left = _Remainder.of(problem, pair, alone, excess, floor)
+    gain = left.criterion(problem, simpler.fit) - left.criterion(problem, pair.fit)
+    return gain > CERTAIN_BIC
+
+
 def _takes_the_rest(pair: Ranked, alone: Ranked) -> bool:
     """Return whether a pair leaves next to nothing of the structure beside its first effect."""
     most = pair.left.excess + SIGMAS * pair.left.deviation
