@@ -91,10 +91,18 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
         )
         text = f"  {effect['name']} ({effect['belongs_to']}): {values}"
         console.print(text, highlight=False, soft_wrap=True)
-        console.print(f"    {in_words(effect)}", highlight=False, soft_wrap=True)
+        words = f"    {in_words(effect)}{_evidence(effect, answer['probability'])}"
+        console.print(words, highlight=False, soft_wrap=True)
     if len(answer["class"]) > 1:
         sets = "; or ".join(" + ".join(names) for names in answer["class"])
         console.print(f"  one of: {sets}", highlight=False, soft_wrap=True)
+
+
+def _evidence(effect: Mapping[str, Any], probability: Mapping[str, float]) -> str:
+    """Return probability and share of an effect as a sentence; empty for outliers."""
+    if (chance := probability.get(effect["name"])) is None:
+        return ""
+    return f" Probability {chance:.2f}; explains {effect['explains']:.3g} of what the base leaves."
 
 
 def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:

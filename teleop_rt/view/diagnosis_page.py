@@ -140,6 +140,8 @@ def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
         figures = tuple(_in_words(name, p) for name, p in entry["parameters"].items())
         if entry["explains"] is not None:
             figures += (f"explains {100.0 * entry['explains']:.3g} % of what the base leaves",)
+        if (chance := answer["probability"].get(entry["name"])) is not None:
+            figures += (f"probability {chance:.2f}",)
         title = "Effect" if answer["verdict"] != "class" else "First of the class"
         yield Tile(title, "unknown", _names([entry["name"]]), figures)
 
