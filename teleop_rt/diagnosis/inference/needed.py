@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE, SECOND_SHARE
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE
 from teleop_rt.diagnosis.inference.pairs import MOST_PAIRS, exchanged, fit_without, search_pairs
 from teleop_rt.diagnosis.inference.ranked import Ranked, certain, excess_of, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking
@@ -26,11 +26,9 @@ def needed_pairs(
     if not singles or not certain(singles[0], rank.floor):
         return [], singles
     floor = max(rank.floor, rank.floor_of(singles[0].fit))
-    if not singles[0].tone_or_air_force and singles[0].air_mismatch <= 1.0 - NAMED_SHARE:
-        leftover = max(singles[0].left.excess, singles[0].fit.chi2 - singles[0].fit.effective)
-        least = SECOND_SHARE * _excess_beside_tone(left, singles[0], singles[0])
-        if not leaves_structure(singles[0].left, floor) or leftover < least:
-            return [], singles
+    alike = not singles[0].tone_or_air_force and singles[0].air_mismatch <= 1.0 - NAMED_SHARE
+    if alike and not leaves_structure(singles[0].left, floor):
+        return [], singles
     ranked = _likeliest_pairs(rank, singles, effects, floor)
     likeliest = min([*ranked, *singles], key=lambda r: r.fit.bic)
     excess = _excess_beside_tone(left, singles[0], likeliest)
