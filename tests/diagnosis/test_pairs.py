@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.needed import needed_pairs
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.search import fit_base
@@ -42,3 +44,26 @@ def test_the_likelihood_decides_between_a_needed_pair_and_its_special_case() -> 
     """A friction that absorbs more of a bias gains less by it, and is no less likely."""
     row = campaign.run(campaign.plan("pair", 0, 9301))
     assert row["class"] == [["coulomb_friction", "force_bias"]]
+
+
+@pytest.mark.parametrize(("friction", "peak"), [(0.4, 0.6), (0.2, 1.0)])
+def test_a_small_friction_with_a_peak_is_named_beside_a_large_stiffening(
+    friction: float, peak: float
+) -> None:
+    """It is 30 times the noise, but less than one percent of the energy that the base leaves.
+
+    Of the first, Coulomb friction was named; the second was not looked for.
+    """
+    t = np.arange(8000, dtype=np.float64) * 2e-3
+    x, v = np.zeros(t.size), np.zeros(t.size)
+    for size, hertz, phase in ((4e-3, 0.35, 0.0), (1.5e-3, 1.3, 1.0), (0.7e-3, 2.9, 2.0)):
+        rate = 2.0 * np.pi * hertz
+        x += size * np.sin(rate * t + phase)
+        v += rate * size * np.cos(rate * t + phase)
+    rubs = friction * np.tanh(v / 5e-4) * (1.0 + peak * np.exp(-((v / 8e-3) ** 2)))
+    noise = 0.01 * np.random.default_rng(5).standard_normal(t.size)
+    force = 700.0 * x + 2.0 * v + 9e7 * x**3 + rubs + noise
+    answer = diagnose(from_arrays("rubs", t, x, force), "spring,viscous,bias").answer
+    assert answer["verdict"] == "named"
+    assert set(answer["class"][0]) == {"nonlinear_stiffening", "stribeck_friction"}
+    assert answer["error"]["after_over_floor"] < 1.1

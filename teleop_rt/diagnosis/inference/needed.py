@@ -54,8 +54,7 @@ def needed_pairs(
         """Return whether another pair is needed over this one, its special case."""
         names = frozenset(pair.fit.names)
         extended = [p for p in pairs if names in simpler_names(frozenset(p.fit.names))]
-        given = (singles[0], excess, floor)
-        return any(extension_needed(rank.problem, p, pair, *given) for p in extended)
+        return any(extension_needed(rank.problem, p, pair, known, excess, floor) for p in extended)
 
     pairs = [pair for pair in pairs if not outdone(pair)]
     return pairs, sorted(known.values(), key=lambda r: r.fit.bic)

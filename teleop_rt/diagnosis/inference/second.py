@@ -77,13 +77,27 @@ def both_needed(
 
 
 def extension_needed(
-    problem: Problem, pair: Ranked, simpler: Ranked, alone: Ranked, excess: float, floor: float
+    problem: Problem,
+    pair: Ranked,
+    simpler: Ranked,
+    singles: dict[str, Ranked],
+    excess: float,
+    floor: float,
 ) -> bool:
     """Return whether a pair is needed over the one with a special case of one of its effects.
 
-    It is if it is likelier beside the form errors of both laws. `alone` is the best single effect;
+    It is if it is likelier beside the form errors of its laws, and gains more than another form of
+    that special case could (`SECOND_SHARE` of what this explains beside the other member).
     `excess` and `floor` are those of `both_needed`.
     """
+    beside = [singles[name] for name in pair.fit.names if name in singles]
+    common = [one for one in beside if one.fit.names[0] in simpler.fit.names]
+    if not common:
+        return False
+    own = common[0].fit.chi2 - simpler.fit.chi2
+    if simpler.fit.chi2 - pair.fit.chi2 < SECOND_SHARE * own:
+        return False
+    alone = min(singles.values(), key=lambda r: r.fit.bic)
     left = _Remainder.of(problem, pair, alone, excess, floor)
     gain = left.criterion(problem, simpler.fit) - left.criterion(problem, pair.fit)
     return gain > CERTAIN_BIC
