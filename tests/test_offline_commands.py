@@ -111,7 +111,7 @@ def test_diagnose_reports_a_class_with_deviations_and_the_motion_that_would_deci
     assert (code, first) == (0, f"{recording}: class")
     assert re.match(r"  kelvin-voigt \(base\): k = .*\d ± \d.*b = .*\d ± \d", base)
     assert re.match(r"  \w+ \(\w+\): .*\d ± \d", effect)
-    assert re.match(r"    The .* -?\d.*\.$", words), "the law, in a sentence with its figures"
+    assert re.match(r"    The .* -?\d.*\. Probability 0\.\d\d; explains [\d.]+ % of", words)
     assert [line.split(":")[0].split(" on ")[0] for line in rest] == [
         "  one of",
         "  NRMSE",

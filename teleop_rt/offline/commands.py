@@ -102,7 +102,8 @@ def _evidence(effect: Mapping[str, Any], probability: Mapping[str, float]) -> st
     """Return probability and share of an effect as a sentence; empty for outliers."""
     if (chance := probability.get(effect["name"])) is None:
         return ""
-    return f" Probability {chance:.2f}; explains {effect['explains']:.3g} of what the base leaves."
+    share = 100.0 * effect["explains"]
+    return f" Probability {chance:.2f}; explains {share:.3g} % of what the base leaves."
 
 
 def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
