@@ -86,6 +86,25 @@ def test_a_body_that_stiffens_on_both_sides_or_yields_on_one_is_not_left(zero: f
         assert not is_left(recorded(force + 5.0 * np.gradient(X_M, DT_S)))
 
 
+def test_free_air_is_seen_where_damping_hides_the_surface() -> None:
+    """A damping with the depth is most of the force; two straight parts met in the body."""
+    t = 1e-3 * np.arange(15_000)
+    x = np.full(t.size, -1e-4)
+    for begin, length, size in ((1.0, 0.8, 4e-4), (5.0, 0.6, -4e-4), (6.0, 0.5, 4e-4),
+                                (13.0, 0.5, -4e-4)):  # fmt: skip
+        s = np.clip((t - begin) / length, 0.0, 1.0)
+        x += size * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    shaken = np.clip((t - 7.0) / 0.5, 0.0, 1.0) * np.clip((12.5 - t) / 0.5, 0.0, 1.0)
+    for hertz, size in ((3.1, 4e-5), (7.3, 3e-5), (11.9, 2e-5)):
+        x += size * shaken * np.sin(2.0 * np.pi * hertz * t)
+    depth = np.maximum(x, 0.0)
+    force = np.maximum(1340.0 * depth + 4e5 * depth * np.gradient(x, t), 0.0)
+    force += 1e-3 * np.random.default_rng(1).standard_normal(t.size)
+    made = from_arrays("body", t, x, force)
+    assert is_left(made)
+    assert diagnose(made, "spring,viscous").answer["class"] == [["hunt_crossley"]]
+
+
 def _far_from_zero(effect: str, zero_m: float) -> Recording:
     """Return a body of 34 kN/m, moved by 15 um, whose encoder has its zero far away."""
     rng = np.random.default_rng(16)
