@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE
 from teleop_rt.diagnosis.inference.pairs import MOST_PAIRS, exchanged, fit_without, search_pairs
@@ -41,23 +43,35 @@ def needed_pairs(
     def needed(pair: Ranked) -> bool:
         return better(pair) and both_needed(rank.problem, pair, known, excess, floor)
 
-    for pair in filter(needed, ranked):
+    before, chosen = dict(known), list(filter(needed, ranked))
+    for pair in chosen:
         _improve_singles(rank, pair.fit, known)
-    pairs = _likelier_than_form(list(filter(needed, ranked)), ranked, known)
-    # The special case of a needed pair may absorb more of the other effect, which then gains less
-    # beside it; it stays in the choice unless the pair is needed over it.
-    simpler = {names for pair in pairs for names in simpler_names(frozenset(pair.fit.names))}
-    plain = [pair for pair in ranked if frozenset(pair.fit.names) in simpler and better(pair)]
-    pairs += [pair for pair in plain if not any(pair is one for one in pairs)]
-
-    def outdone(pair: Ranked) -> bool:
-        """Return whether another pair is needed over this one, its special case."""
-        names = frozenset(pair.fit.names)
-        extended = [p for p in pairs if names in simpler_names(frozenset(p.fit.names))]
-        return any(extension_needed(rank.problem, p, pair, known, excess, floor) for p in extended)
-
-    pairs = [pair for pair in pairs if not outdone(pair)]
+    if any(known[name] is not single for name, single in before.items()):
+        chosen = list(filter(needed, ranked))
+    pairs = _likelier_than_form(chosen, ranked, known)
+    pairs = _beside_special_cases(
+        pairs,
+        [pair for pair in ranked if better(pair)],
+        lambda pair, simpler: extension_needed(rank.problem, pair, simpler, known, excess, floor),
+    )
     return pairs, sorted(known.values(), key=lambda r: r.fit.bic)
+
+
+def _beside_special_cases(
+    pairs: list[Ranked], tried: list[Ranked], needed_over: Callable[[Ranked, Ranked], bool]
+) -> list[Ranked]:
+    """Return the pairs and their special cases among those `tried`, unless one is needed over it.
+
+    The special case of a needed pair may absorb more of the other effect, which then gains less
+    beside it.
+    """
+
+    def extends(pair: Ranked, simpler: Ranked) -> bool:
+        return frozenset(simpler.fit.names) in simpler_names(frozenset(pair.fit.names))
+
+    plain = [one for one in tried if any(extends(pair, one) for pair in pairs)]
+    every = pairs + [one for one in plain if not any(one is pair for pair in pairs)]
+    return [one for one in every if not any(extends(p, one) and needed_over(p, one) for p in every)]
 
 
 def _likelier_than_form(

@@ -70,6 +70,8 @@ def both_needed(
     rival = min(singles.values(), key=lambda r: r.fit.bic)
     if rival is best and _takes_the_rest(pair, best):
         return True
+    if not best.tone_or_air_force and best.left.excess < SECOND_SHARE * excess:
+        return False  # the form of the first law may leave as much
     left = _Remainder.of(problem, pair, best, excess, floor)
     joint = left.criterion(problem, pair.fit)
     rivals = (best.fit,) if rival.fit is best.fit else (best.fit, rival.fit)
