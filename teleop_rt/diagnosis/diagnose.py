@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.criteria import SECOND_SHARE
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.confirmed import Judged, judged, noise_of
-from teleop_rt.diagnosis.inference.explanation import borne_out, likelihoods
+from teleop_rt.diagnosis.inference.explanation import bounded_by_error, likelihoods
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis
 from teleop_rt.diagnosis.inference.verdict import Verdict
 from teleop_rt.diagnosis.models.base import base_of
@@ -69,7 +69,9 @@ def diagnose(
         answer["error"] = errors_on(found, test, surface)
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
     if found.predictor is None:
-        bounded = borne_out(answer["probability"], answer["error"]["after_over_floor"] or 1.0)
+        bounded = bounded_by_error(
+            answer["probability"], answer["error"]["after_over_floor"] or 1.0
+        )
         answer["probability"] = {name: round(p, 4) for name, p in bounded.items()}
     if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = estimated

@@ -11,7 +11,7 @@ import pytest
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
-from teleop_rt.diagnosis.inference.explanation import borne_out, explain, predictor
+from teleop_rt.diagnosis.inference.explanation import bounded_by_error, explain, predictor
 from teleop_rt.diagnosis.inference.sets import Scored
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
@@ -207,5 +207,5 @@ def test_a_law_of_time_predicts_only_if_it_is_named() -> None:
 
 @pytest.mark.parametrize(("ratio", "highest"), [(0.9, 0.97), (1.0, 0.97), (2.0, 0.485), (9.0, 0.4)])
 def test_a_set_that_leaves_more_than_noise_is_less_certain(ratio: float, highest: float) -> None:
-    bounded = borne_out({"adhesion": 0.97, "backlash": 0.3}, ratio)
+    bounded = bounded_by_error({"adhesion": 0.97, "backlash": 0.3}, ratio)
     assert bounded == {"adhesion": pytest.approx(highest), "backlash": 0.3}

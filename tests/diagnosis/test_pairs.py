@@ -52,7 +52,7 @@ def test_a_small_friction_with_a_peak_is_named_beside_a_large_stiffening(
 ) -> None:
     """It is 30 times the noise, but less than one percent of the energy that the base leaves.
 
-    Of the first, Coulomb friction was named; the second was not looked for.
+    Of the first, Coulomb friction was named; the second was not searched.
     """
     t = np.arange(8000, dtype=np.float64) * 2e-3
     x, v = np.zeros(t.size), np.zeros(t.size)

@@ -17,9 +17,9 @@ from teleop_rt.contact.effect import Family
 from teleop_rt.diagnosis.criteria import (
     EFFECT_COST,
     HIGHEST_PROBABILITY,
-    LEAST_BORNE_OUT,
     LEAST_GAIN,
     LEAST_SHARE,
+    LOWEST_BOUND,
     MOST_SETS,
     NAMED_SHARE,
     NOISE_POWER_DOUBT,
@@ -119,15 +119,15 @@ def likelihoods(judgement: Judgement) -> dict[str, float]:
     return {name: min(HIGHEST_PROBABILITY, probability) for name, probability in found.items()}
 
 
-def borne_out(probability: Mapping[str, float], ratio: float) -> dict[str, float]:
-    """Return the probabilities of a named set, no higher than its error bears out.
+def bounded_by_error(probability: Mapping[str, float], ratio: float) -> dict[str, float]:
+    """Return the probabilities of a named set, no higher than its error allows.
 
     `ratio` is its held-out error over that of the noise. A set that leaves more may have a wrong
     name: of 447 answers to recordings by others, 95 % were right that left at most 1.02
     times the noise, 82 % at 1.15 times, 57 % at 1.75 times, and 44 % beyond 2. That is about the
     inverse. A set judged with an unknown remainder has probabilities that know it.
     """
-    highest = max(HIGHEST_PROBABILITY / max(ratio, 1.0), LEAST_BORNE_OUT)
+    highest = max(HIGHEST_PROBABILITY / max(ratio, 1.0), LOWEST_BOUND)
     return {name: min(p, highest) for name, p in probability.items()}
 
 
