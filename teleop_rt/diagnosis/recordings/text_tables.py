@@ -43,6 +43,7 @@ _FIGURE = re.compile(
     r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE
 )
 _DECIMAL = re.compile(r"[-+]?\d*[.,]\d+(e[-+]?\d+)?", re.IGNORECASE)
+_GROUPED = re.compile(r"[-+]?\d{1,3}((\.\d{3})+,|(,\d{3})+\.)\d+")
 _GERMAN_DATE = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})\s+(.+)")
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -125,6 +126,7 @@ def _located(path: Path, encoding: str) -> _Text:
     for place, first in enumerate(rows):
         for delimiter in _DELIMITERS:
             table = [_cells(lines[i], delimiter) for i in rows[place : place + _ALIKE]]
+            _refuse_grouped(table, first)
             if _are_numbers(table):
                 columns = len(table[0])
                 if place:
@@ -153,6 +155,19 @@ def _are_numbers(table: Sequence[Sequence[str]]) -> bool:
         return False
     full = sum(all(map(_is_number, column)) for column in zip(*table, strict=True))
     return full >= 2
+
+
+def _refuse_grouped(table: Sequence[Sequence[str]], first: int) -> None:
+    """Raise TableError where every field is a number, and some have their thousands grouped."""
+    cells = [cell for row in table for cell in row]
+    if len(table) < 2 or len({len(row) for row in table}) > 1 or len(table[0]) < 2:
+        return
+    grouped = [cell for cell in cells if _GROUPED.fullmatch(cell)]
+    if grouped and all(_GROUPED.fullmatch(cell) or _is_number(cell) for cell in cells):
+        raise TableError(
+            f"line {first + 1}: {grouped[0]!r} has its thousands grouped: export the table without"
+            " marks of thousands"
+        )
 
 
 def _refuse_other_count(line: str, delimiter: str | None, first: int, columns: int) -> None:
