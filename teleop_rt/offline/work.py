@@ -19,6 +19,7 @@ from teleop_rt.offline.find import digest_of, refuse_itself
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay, write_trace
 from teleop_rt.offline.table import Table
+from teleop_rt.offline.weak_force import weak_force
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.trial.folder import recording_of
 
@@ -127,8 +128,8 @@ class Diagnosing:
         found = diagnose(
             loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
         )
-        if (hint := exchanged(loaded)) is not None:
-            found.answer["notes"].append(hint)
+        hints = (exchanged(loaded), weak_force(loaded) if path.suffix != ".mcap" else None)
+        found.answer["notes"] += [hint for hint in hints if hint is not None]
         if self.out is not None:
             enter("writing page and model")
             folder = self._folder(name)
