@@ -15,7 +15,7 @@ _KICK = 1e-3
 """A small displacement, as a share of the depth, for numerical slopes."""
 _REST_STEPS = 20
 """Steps at one depth after which a state counts as at rest; `_REST_S` [s] is each."""
-_REST_S = 1e-3
+_REST_S = 1e-3  # a sample of the slave at 1 kHz
 
 
 class ExtendedModelError(ExpectedError):

@@ -49,8 +49,8 @@ COOKIE_NS = 60_000_000_000
 """A cookie's secret is renewed after this time; the previous one remains valid."""
 ADDRESSES = 64
 """Addresses whose budget is kept; with more, all begin again."""
-_MAC_BYTES = _COOKIE_BYTES = 16
-_NONCE_BYTES = 12
+_MAC_BYTES = _COOKIE_BYTES = 16  # of BLAKE2s, shortened to 128 bits
+_NONCE_BYTES = 12  # of ChaCha20-Poly1305 (RFC 8439)
 _PAYLOAD = Struct("<IQ")
 _NOISE_BYTES = DH_BYTES + _PAYLOAD.size + TAG_BYTES
 _HELLO_BYTES = HEADER_BYTES + _NOISE_BYTES + 2 * _MAC_BYTES

@@ -13,7 +13,7 @@ from teleop_rt.errors import ExpectedError
 
 _WINDOW = 21
 """Samples and order of the Savitzky-Golay filter that gives the velocity."""
-_ORDER = 2
+_ORDER = 2  # a parabola: its slope has no lag
 
 
 class OperatorError(ExpectedError):

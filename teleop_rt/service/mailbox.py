@@ -17,7 +17,7 @@ from pathlib import Path
 NAME = "commands.box"
 ALIVE_NS = 500_000_000
 """A request counts for so long after its server last looked after it; it looks every 2 ms."""
-_WORDS = 7
+_WORDS = 7  # of 8 bytes, by the names below
 _REQUEST, _COMMAND, _ANSWERED, _REPLY, _ALIVE_UNTIL, _STOP, _STOPPED = range(_WORDS)
 
 

@@ -42,7 +42,7 @@ WINDOW = 32
 MESSAGE, N_WALLS = 2, 3
 """A third wall, beside the new one and the one that the master has now: the one last sent."""
 _HUNT_CROSSLEY = rows.HUNT_CROSSLEY
-_NO_CODE = 0
+_NO_CODE = 0  # of a model that never goes over the link
 _LINK_CODES = np.full(1 + max(rows.MODEL_CODES.values()), _NO_CODE)
 for _name, _code in WIRE_CODES.items():
     _LINK_CODES[rows.MODEL_CODES[_name]] = _code

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Signal = NDArray[np.float64]
-RATE_HZ = 1000.0
+RATE_HZ = 1000.0  # the report's, chapter 4
 TRUTH = {
     "kelvin-voigt": {"k": 1500.0, "b": 50.0},
     "hunt-crossley": {"k": 1500.0, "b": 50.0, "n": 1.5},

@@ -15,7 +15,7 @@ from teleop_rt.axis import Sample
 Array = NDArray[np.float64]
 EnvironmentName = Literal["foam", "silicone", "stiff", "step"]
 
-PERIOD_S = 1e-3
+PERIOD_S = 1e-3  # of the shipped rigs
 SURFACE_M = 0.0083
 """Between two strides of the hand, so that it is met in motion."""
 DRIVE_HZ = 100.0

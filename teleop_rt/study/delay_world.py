@@ -41,7 +41,7 @@ from teleop_rt.study.delay_plant import (
 from teleop_rt.trial.lockstep_run import memory_link
 from teleop_rt.trial.sides import make_slave
 
-PERIOD_NS = 1_000_000
+PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
 SETTLING_S, MOVING_S, STILL_S = 2.0, 6.0, 6.0
 """After the press, with the motion by which errors are measured, and at rest."""
 FORCE_MAX_N, FORCE_STEP_N, DEVICE_DAMPING = 40.0, 0.5, 20.0

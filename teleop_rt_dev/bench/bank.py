@@ -11,7 +11,7 @@ import numpy as np
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
 from teleop_rt_dev.bench.workload import bank, numpy_rows, oracles, regressions, sizes
 
-SAMPLES = 20_000
+SAMPLES = 20_000  # 20 s at 1 kHz
 # The slow sides take a slice of the samples per round; times are per tick.
 ORACLE_SLICE, NUMPY_SLICE = 300, 600
 AGREE = 300

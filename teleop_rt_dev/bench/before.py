@@ -25,7 +25,7 @@ from teleop_rt_dev.paths import ROOT
 
 BEFORE = os.environ.get("TELEOP_RT_BEFORE", "2529d19")
 RIGS = ("canopen", "serial", "mixed")
-RATE_HZ = 1000
+RATE_HZ = 1000  # of the shipped rigs
 MAX_RATIO = {"p50": 0.35, "p99": 0.4}
 """The aim of a tick in one compiled step, as a share of what the older commit takes."""
 

@@ -25,7 +25,7 @@ ADDITIVE = ("force_bias", "coulomb_friction", "tool_inertia", "force_drift", "qu
             "nonlinear_stiffening")  # fmt: skip
 OTHERS = ("stress_relaxation", "channel_delay", "backlash", "second_layer", "hysteresis",
           "force_saturation")  # fmt: skip
-NULLS = 6
+NULLS = 6  # two of each colour of noise
 _LEAST_SHARE = 0.01
 """Share of the force from which on an effect that was added counts as named."""
 _YARDSTICK_ROUNDS = 1000  # about 0.15 s

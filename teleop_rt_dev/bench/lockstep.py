@@ -30,7 +30,7 @@ from teleop_rt_dev.paths import SILICONE
 RIGS = ("canopen", "serial", "mixed")
 IDEAL_LINK = ("link.loss=0.0", "link.round_trip_ms=0.0", "link.jitter_ms=0.0")
 WARM_UP, COUNTED, TIMED = 4000, 200, 3000
-STEPS_PER_SECOND = 1000
+STEPS_PER_SECOND = 1000  # of the shipped rigs
 TRIAL_ROW = "default trial, processor time of a simulated second"
 Work = Callable[[], None]
 

@@ -22,8 +22,8 @@ from teleop_rt.signals import SLAVE
 from teleop_rt_dev.bench.measure import Row, row
 
 T = TypeVar("T")
-TICKS = 50_000
-FLUSH_EVERY = 50
+TICKS = 50_000  # 50 s at 1 kHz
+FLUSH_EVERY = 50  # ticks, as the recorder does
 SHARES = (0.5, 0.99, 0.9999)
 LIKE_A_PUSH = 28
 """Additions that take as long as pushing a row; their slowest ten-thousandth is the machine's."""

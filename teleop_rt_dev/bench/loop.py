@@ -16,7 +16,7 @@ from teleop_rt.realtime.clock import RealClock
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt_dev.bench.measure import Row, row
 
-PRIORITY = 60
+PRIORITY = 60  # realtime.priority of the shipped rigs
 SECONDS = 1.0
 P50_BAR, P99_BAR = "<= 1.5", "<= 2"
 SPIN_US = 50

@@ -14,7 +14,7 @@ from teleop_rt.estimation.bank import Bank
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
 from teleop_rt_dev.bench.workload import Array, bank, oracles, regressions, sizes
 
-TICKS = 3_600_000
+TICKS = 3_600_000  # an hour at 1 kHz
 CHUNK = 40_000
 ORACLE_SLICE = 300
 SOURCE = Path(__file__).with_name("bank.c")

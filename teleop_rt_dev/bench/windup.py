@@ -15,9 +15,9 @@ from teleop_rt_dev.estimation import oracle
 TICKS, CHUNK = 3_600_000, 40_000
 PHI = np.array([1.0, 0.5, 0.2])
 TRUTH = np.array([3600.0, 20.0, 5.0])
-FORGETTING = 0.995
-WILD = 1e6
-LONGEST = 60_000
+FORGETTING = 0.995  # the one that the theory states for 1 kHz
+WILD = 1e6  # of parameters of order 1000
+LONGEST = 60_000  # a minute at 1 kHz
 
 
 def target(samples: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.ends import LockStepEnds
 
 COLUMN = columns(TRUTH)
-PERIOD_NS = 1_000_000
+PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
 PER_CYCLE = 100
 QUIET = ("force_noise_N=0", "force_lag_jitter_us=0", "force_lag_ms=0")
 POSITION_ERROR, FORCE_ERROR = 2.6e-6, 0.6e-3

@@ -51,7 +51,7 @@ QUIET_M, DECAY, MOST_M = 5e-5, 0.95, 1.0
 """Peak to peak of a handle at rest in the last of four windows, or over the window before."""
 MOST_N_PER_M, ACCURACY = 2e5, 0.02
 PLAIN, TEXTBOOK = 0, 1
-CUBE_N_PER_M = 3600.0
+CUBE_N_PER_M = 3600.0  # of the default trial's plant
 ASKED = ("damiao_handle", "robstride_handle", "moteus_handle")
 ANSWERED = ("operator.rig.axis.answer_within_ms=0.35",)
 """Handles whose drive can be asked where it is as a cycle begins, and how long that takes."""

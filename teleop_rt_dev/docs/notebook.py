@@ -11,7 +11,7 @@ from nbclient import NotebookClient
 from teleop_rt_dev.paths import ROOT
 
 NOTEBOOK = ROOT / "docs" / "example.ipynb"
-TIMEOUT_S = 300.0
+TIMEOUT_S = 300.0  # of one cell, on a loaded machine
 
 
 def run(path: Path) -> nbformat.NotebookNode:

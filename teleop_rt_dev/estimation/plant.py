@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Law = Callable[[Array, Array], Array]
 
-RATE = 1000.0
+RATE = 1000.0  # Hz, of the shipped rigs
 
 
 @dataclass(frozen=True)

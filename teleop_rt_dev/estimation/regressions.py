@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 AnalyticMotion = tuple[Array, Array, Array, Array]
 """Times [s], positions, velocities and accelerations."""
 
-RATE = 1000.0
+RATE = 1000.0  # Hz, of the shipped rigs
 
 
 def sine(

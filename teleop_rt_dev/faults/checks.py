@@ -13,7 +13,7 @@ from teleop_rt_drivers.can_frames import Outgoing
 from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 Check = Callable[[FaultWorld], bool]
-PERIOD_S = 1e-3
+PERIOD_S = 1e-3  # of the shipped rigs
 BRAKED_MS = 45
 """Longest time under power after a stop against a body: its way to rest, and 20 ms more."""
 STIFFNESS, TURN_S = 3600.0, 0.005

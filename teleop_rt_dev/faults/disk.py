@@ -11,7 +11,7 @@ from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
 from teleop_rt_dev.faults.world import FaultWorld
 
-RECORDER_PERIOD_MS = 50
+RECORDER_PERIOD_MS = 50  # as the recorder does
 
 
 class FullDisk:

@@ -15,7 +15,7 @@ from teleop_rt_drivers.simulated.motion import SURFACE
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import DeviceName
 
-PERIOD_S = 1e-3
+PERIOD_S = 1e-3  # of the shipped rigs
 
 
 def mute(device: DeviceName) -> Callable[[FaultWorld], None]:

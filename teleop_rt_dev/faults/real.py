@@ -27,7 +27,7 @@ from teleop_rt_dev.paths import SILICONE
 
 WITHOUT_VOLTAGE = 0
 RECORDER = "recorder"
-PERIOD_NS = 1_000_000
+PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
 ENDING_S = 10
 COLUMN, TRUE = columns(SLAVE), columns(TRUTH)
 

@@ -18,7 +18,7 @@ from teleop_rt.trial.sides import make_slave
 from teleop_rt_dev.paths import SILICONE
 from teleop_rt_drivers import opening
 
-PERIOD_NS = 1_000_000
+PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
 Phase = Literal["arming", "approach", "contact", "release"]
 PHASES: tuple[Phase, ...] = ("arming", "approach", "contact", "release")
 LONGEST_WAY_MS = 8000

@@ -13,7 +13,7 @@ from teleop_rt.link.session import Session
 from teleop_rt_dev.link.pair import Pair
 
 AT_ONCE = 100
-HELLO = 1
+HELLO = 1  # kind of a packet, as `handshake` has it
 
 
 def flipped(packet: bytes, bit: int) -> bytes:

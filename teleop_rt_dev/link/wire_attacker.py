@@ -12,7 +12,7 @@ import socket
 from dataclasses import dataclass, field
 
 LOOPBACK = "127.0.0.1"
-LONGEST = 2048
+LONGEST = 2048  # of a packet that is read: beyond any Ethernet frame
 
 
 @dataclass(slots=True)

@@ -24,7 +24,7 @@ from teleop_rt.slave.faults import State
 from teleop_rt_dev.paths import SILICONE
 
 READY = b"READY=1"
-USAGE = 2
+USAGE = 2  # exit code of refused arguments
 POLL_S = 0.02
 """Between two questions: without it a wait takes a whole core, which the daemon then lacks."""
 

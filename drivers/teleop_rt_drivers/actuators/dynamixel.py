@@ -30,7 +30,7 @@ ASKED = ((OPERATING_MODE, 1), (TORQUE_ENABLE, 1), (HARDWARE_ERROR, 1), (WATCHDOG
 """Registers that each answer holds, with their sizes."""
 _asked = struct.Struct("<BBBbhii")
 
-COUNTS_PER_TURN = 4096
+COUNTS_PER_TURN = 4096  # 12 bits, by the control table of the X series
 MOST_COUNTS = 1_048_575
 """Of a goal in either direction: 256 turns."""
 RPM_PER_COUNT = 0.229

@@ -21,7 +21,7 @@ ASKED = 31
 _asked = struct.Struct("<B15xHHHBBxB3xH")
 _goal = struct.Struct("<BHHH")
 
-COUNTS_PER_TURN = 4096
+COUNTS_PER_TURN = 4096  # 12 bits, by the memory table of the STS series
 MOST_COUNTS = 2**15 - 1
 """Of a goal, whose 16th bit is its sign."""
 AMPERES_PER_COUNT = 6.5e-3

@@ -25,8 +25,8 @@ KNOWN = OURS | {HEARTBEAT, ESTIMATES, GET_IQ}
 
 IDLE, CLOSED_LOOP = 1, 8
 TORQUE_CONTROL, VELOCITY_CONTROL, POSITION_CONTROL = 1, 2, 3
-PASSTHROUGH = 1
-WATCHDOG_EXPIRED = 0x800
+PASSTHROUGH = 1  # INPUT_MODE of ODrive's CAN protocol: no filter of its own
+WATCHDOG_EXPIRED = 0x800  # AXIS_ERROR of ODrive's CAN protocol
 WORDS = {
     0x01: "invalid state asked for", 0x40: "motor failed", 0x80: "sensorless estimator failed",
     0x100: "encoder failed", 0x200: "controller failed", WATCHDOG_EXPIRED: "watchdog timer expired",

@@ -26,7 +26,7 @@ from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
 from teleop_rt_drivers.operator_device import device_transport
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
 
-STANDARD_GRAVITY = 9.80665
+STANDARD_GRAVITY = 9.80665  # m/s2, by definition
 
 
 def calibrate_force(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-MODE_CYCLIC_SYNCHRONOUS_POSITION = 8
-MODE_CYCLIC_SYNCHRONOUS_TORQUE = 10
+MODE_CYCLIC_SYNCHRONOUS_POSITION = 8  # 6060h of CiA 402
+MODE_CYCLIC_SYNCHRONOUS_TORQUE = 10  # 6060h of CiA 402
 MODE_NAMES = {
     MODE_CYCLIC_SYNCHRONOUS_POSITION: "cyclic synchronous position",
     MODE_CYCLIC_SYNCHRONOUS_TORQUE: "cyclic synchronous torque",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from canopen.objectdictionary import ObjectDictionary
 
-PROFILE = 402
+PROFILE = 402  # number of CiA's profile for drives, in 1000h
 NEEDED = (
     "0x6040", "0x6041", "0x6060", "0x6061", "0x6064", "0x607A", "0x607D:1", "0x607D:2", "0x607F",
     "0x60C2:1", "0x60C2:2", "0x6502", "0x1016:1",

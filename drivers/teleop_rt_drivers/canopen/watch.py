@@ -17,7 +17,7 @@ from teleop_rt_drivers.canopen.sdo import BOOT_UP
 
 OPERATIONAL = 5
 """State of a node in its heartbeat (CiA 301)."""
-_NOBODY = -1
+_NOBODY = -1  # no node has this id
 # Of linux/can/error.h: classes of an error frame; passive in receiving or sending.
 CAN_ERR_CONTROLLER = 0x004
 CAN_ERR_BUS_OFF = 0x040

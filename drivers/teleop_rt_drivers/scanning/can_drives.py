@@ -23,9 +23,9 @@ LISTEN_S = 1.2
 """Longer than a heartbeat's usual period of 0.1 s, and than a slow one of 1 s."""
 ANSWER_S = 0.004
 """For the answer to a question; an adapter on USB keeps it for a millisecond or two."""
-OWN_ID = 0xFD
+OWN_ID = 0xFD  # the host's, by RobStride's protocol
 DAMIAO_REGISTERS, MST_ID, PMAX, VMAX, TMAX = 0x7FF, 7, 21, 22, 23
-READ = 0x33
+READ = 0x33  # command "read register" of Damiao's protocol
 MOTEUS_WANTED, MODEL, READ_INT32, REPLY_INT32 = 0x8000, 0x100, 0x18, 0x28
 PING, PONG = 17, 18
 

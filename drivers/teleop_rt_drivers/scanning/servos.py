@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     OpenLine = Callable[[int], ByteStream]
 
-PING = 0x01
+PING = 0x01  # instruction of Dynamixel's and of Feetech's protocol
 # In the order in which they are tried: the presets' own first.
 DYNAMIXEL_BAUDS = (3_000_000, 1_000_000, 57_600, 2_000_000, 4_000_000, 115_200)
 FEETECH_BAUDS = (1_000_000, 500_000, 115_200)

@@ -17,8 +17,8 @@ CIRCUMFERENCE = 0.1
 TORQUE_PER_FORCE = CIRCUMFERENCE / 6.283185307179586
 TORQUE_PER_COUNT = 2.0 * 0.00269
 """2 Nm per ampere, 2.69 mA per count."""
-TABLE_BYTES = 256
-EEPROM_ENDS = 64
+TABLE_BYTES = 256  # past the last register that is used
+EEPROM_ENDS = 64  # by the control table of the X series
 MODEL, FIRMWARE = 1030, 48
 STEP_NS = 20_000_000
 """Unit of the bus watchdog."""

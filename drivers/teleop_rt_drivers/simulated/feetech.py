@@ -17,8 +17,8 @@ CIRCUMFERENCE = 0.1
 TORQUE_PER_FORCE = CIRCUMFERENCE / 6.283185307179586
 TORQUE_PER_COUNT = 2.0 * 0.0065
 """2 Nm per ampere, 6.5 mA per count."""
-TABLE_BYTES = 87
-SRAM = 40
+TABLE_BYTES = 87  # by the memory table of the STS series
+SRAM = 40  # first register that is lost without power
 
 
 class SimulatedFeetech(MakersDrive):

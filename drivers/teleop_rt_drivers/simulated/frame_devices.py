@@ -21,7 +21,7 @@ DEVICE_CLOCK_PPM = 40
 """Drift of a device's own clock against ours [ppm]."""
 BOOT_NS = 30_000_000
 """Silence of a sensor after a reset."""
-STANDARD_GRAVITY = 9.80665
+STANDARD_GRAVITY = 9.80665  # m/s2, by definition
 INT16, INT24, INT32 = 2**15 - 1, 2**23 - 1, 2**31 - 1
 
 

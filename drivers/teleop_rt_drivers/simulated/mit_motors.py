@@ -21,7 +21,7 @@ RADIUS = 0.01
 """Rig units of position per radian."""
 TIMEOUT_NS = 50_000_000
 """Time without a command after which the motor lets go, as its maker's tool sets it."""
-EXTENDED = 0x8000_0000
+EXTENDED = 0x8000_0000  # CAN_EFF_FLAG of linux/can.h
 # Ranges of position [rad], velocity [rad/s] and torque [Nm] of the motors that are simulated.
 DM4310 = (12.5, 30.0, 10.0)
 ROBSTRIDE_02 = (12.566370614359172, 44.0, 17.0)

@@ -19,7 +19,7 @@ STATUS_NS, TIMEOUT_NS = 1_000_000, 50_000_000
 """Period of its status, and the time without a command after which it lets go."""
 COLD, HOT = 250, 1250
 """Tenths of a degree Celsius."""
-EXTENDED = 0x8000_0000
+EXTENDED = 0x8000_0000  # CAN_EFF_FLAG of linux/can.h
 
 
 class SimulatedVesc(MakersDrive):
