@@ -11,7 +11,7 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.answers import outliers
 from teleop_rt.diagnosis.answers.answer import base_entry, candidates_of, effects_of
 from teleop_rt.diagnosis.answers.detectable import detectable
-from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of
+from teleop_rt.diagnosis.answers.errors import errors_of
 from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
@@ -58,21 +58,13 @@ def diagnose(
     enter("finding surface and motion")
     model = base_of(base)
     made = judged(recording, model, surface, effects)
+    enter("error on held-out data")
+    made, on_blocks = _bounded(made)
     weighed, found = made.weighed, made.found
     problem, model, judgement = found.problem, found.base.model.base, found.judgement
-    found = replace(found, predicting=made.plain.base)
     answer = _answer(found, recording)
-    enter("error on held-out data")
-    if test is None:
-        answer["error"] = errors_of(_on_blocks(made, found), problem.motion.dt)
-    else:
-        answer["error"] = errors_on(found, test, surface)
+    answer["error"] = on_blocks if test is None else errors_on(found, test, surface)
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
-    if found.predictor is None:
-        bounded = bounded_by_error(
-            answer["probability"], answer["error"]["after_over_floor"] or 1.0
-        )
-        answer["probability"] = {name: round(p, 4) for name, p in bounded.items()}
     if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = estimated
     if not moves_in_steps(recording.position, recording.force, recording.dt):
@@ -141,12 +133,20 @@ def _in_air(found: Diagnosis) -> tuple[Fit, ...]:
     return (found.base, found.best) if found.judgement.verdict in INCONCLUSIVE else ()
 
 
-def _on_blocks(made: Judged, found: Diagnosis) -> HeldOut:
-    """Return the error of the model that predicts, on held-out blocks."""
+def _bounded(made: Judged) -> tuple[Judged, dict[str, Any]]:
+    """Return the judgement as its error on held-out blocks allows, and that error.
+
+    Sets that were judged beside an unknown remainder have probabilities that know it.
+    """
+    found = replace(made.found, predicting=made.plain.base)
     # A perfect model leaves no more than the best one.
     left = found.left_by(found.predicts)
     noise = min(noise_of(made.weighed, _in_air(found)), left)
-    return made.blocks.predicted(found.predicts, noise)
+    errors = errors_of(made.blocks.predicted(found.predicts, noise), found.problem.motion.dt)
+    if found.predictor is None:
+        judgement = bounded_by_error(found.judgement, errors["after_over_floor"] or 1.0)
+        found = replace(found, judgement=judgement)
+    return replace(made, found=found), errors
 
 
 def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:

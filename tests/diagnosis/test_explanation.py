@@ -12,10 +12,13 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
 from teleop_rt.diagnosis.inference.explanation import bounded_by_error, explain, predictor
+from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.sets import Scored
+from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import CandidateModel
+from teleop_rt.diagnosis.noise.structure import LackOfFit
 
 _BASE = base_of("spring,viscous,bias")
 
@@ -205,7 +208,18 @@ def test_a_law_of_time_predicts_only_if_it_is_named() -> None:
     assert predictor([_ALONE, one, two], {"force_drift"}) is two
 
 
-@pytest.mark.parametrize(("ratio", "highest"), [(0.9, 0.97), (1.0, 0.97), (2.0, 0.485), (9.0, 0.4)])
-def test_a_set_that_leaves_more_than_noise_is_less_certain(ratio: float, highest: float) -> None:
-    bounded = bounded_by_error({"adhesion": 0.97, "backlash": 0.3}, ratio)
-    assert bounded == {"adhesion": pytest.approx(highest), "backlash": 0.3}
+@pytest.mark.parametrize(
+    ("ratio", "highest", "verdict"),
+    [(0.9, 0.97, "named"), (1.4, 0.693, "named"), (2.0, 0.485, "partial"), (9.0, 0.4, "partial")],
+)
+def test_a_set_that_leaves_more_than_noise_is_less_certain(
+    ratio: float, highest: float, verdict: str
+) -> None:
+    ranked = Ranked(_set("adhesion", path=(1.0, 0.1)).fit, 900.0, 880.0, LackOfFit(1.0, 10))
+    chances = {"adhesion": 0.97, "backlash": 0.3}
+    judgement = Judgement("named", (ranked,), None, 900.0, probability=chances)
+    bounded = bounded_by_error(judgement, ratio)
+    assert bounded.probability == {"adhesion": pytest.approx(highest, abs=1e-3), "backlash": 0.3}
+    assert bounded.verdict == verdict
+    several = bounded_by_error(replace(judgement, verdict="class"), ratio)
+    assert several.verdict == "class", "its experiment is still to be made"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
+from teleop_rt.diagnosis.criteria import NAMED_SHARE, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.held import HELD, LEFT
@@ -117,18 +117,24 @@ def _of_what_is_left(answer: dict[str, Any]) -> list[str]:
     """Return the notes on a structure that no named effect explains."""
     if answer["verdict"] not in {"partial", "unexplained"}:
         return []
-    return [
-        (
-            "the named effects explain less than 95 % of the structure above the noise; the errors"
-            " are those of the set that predicts best, named or not: see the residual against"
-            " position, velocity and time on the page of --out, and its draft of a law for"
-            " --effects FILE"
-        ),
-        (
-            "the deviations of parameters are those of a complete model: what is missing here may"
-            " move them by more"
-        ),
-    ]
+    deviations = (
+        "the deviations of parameters are those of a complete model: what is missing here may"
+        " move them by more"
+    )
+    if _explains_most(answer):
+        return [deviations]
+    share = (
+        "the named effects explain less than 95 % of the structure above the noise; the errors"
+        " are those of the set that predicts best, named or not: see the residual against"
+        " position, velocity and time on the page of --out, and its draft of a law for"
+        " --effects FILE"
+    )
+    return [share, deviations]
+
+
+def _explains_most(answer: dict[str, Any]) -> bool:
+    """Return whether the effects explain as much as those of a named set."""
+    return sum(effect["explains"] or 0.0 for effect in answer["effects"]) >= NAMED_SHARE
 
 
 def _of_errors(answer: dict[str, Any]) -> list[str]:
@@ -153,12 +159,14 @@ def _of_errors(answer: dict[str, Any]) -> list[str]:
             " check it: is it of the same object, and in the same units?"
         )
         return found
-    return found + _of_ratio(answer["verdict"], error["after_over_floor"] or 0.0)
+    return found + _of_ratio(answer, error["after_over_floor"] or 0.0)
 
 
-def _of_ratio(verdict: str, ratio: float) -> list[str]:
+def _of_ratio(answer: dict[str, Any], ratio: float) -> list[str]:
     """Return the note on an error that is larger than that of noise, though nothing is left."""
-    if verdict in {"partial", "unexplained"} or ratio <= REDRAWN_NOISE_RATIO:
+    verdict = answer["verdict"]
+    left = verdict == "unexplained" or (verdict == "partial" and not _explains_most(answer))
+    if left or ratio <= REDRAWN_NOISE_RATIO:
         return []
     cause = f"the held-out error is {ratio:.2g} times that of noise alone"
     if verdict == "no_missing_effect":

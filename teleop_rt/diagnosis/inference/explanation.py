@@ -17,6 +17,7 @@ from teleop_rt.contact.effect import Family
 from teleop_rt.diagnosis.criteria import (
     EFFECT_COST,
     HIGHEST_PROBABILITY,
+    LEAST_CONFIDENCE,
     LEAST_GAIN,
     LEAST_SHARE,
     LOWEST_BOUND,
@@ -28,6 +29,7 @@ from teleop_rt.diagnosis.criteria import (
     WITHIN_REACH_BIC,
 )
 from teleop_rt.diagnosis.inference.pairs import same_physics
+from teleop_rt.diagnosis.inference.ranked import family_of
 from teleop_rt.diagnosis.inference.sets import Scored
 from teleop_rt.diagnosis.inference.tones import adds_tone
 from teleop_rt.diagnosis.inference.verdict import Judgement, Verdict, simpler_names
@@ -119,16 +121,21 @@ def likelihoods(judgement: Judgement) -> dict[str, float]:
     return {name: min(HIGHEST_PROBABILITY, probability) for name, probability in found.items()}
 
 
-def bounded_by_error(probability: Mapping[str, float], ratio: float) -> dict[str, float]:
-    """Return the probabilities of a named set, no higher than its error allows.
+def bounded_by_error(judgement: Judgement, ratio: float) -> Judgement:
+    """Return the judgement with probabilities no higher than its error allows.
 
-    `ratio` is its held-out error over that of the noise. A set that leaves more may have a wrong
-    name: of 447 answers to recordings by others, 95 % were right that left at most 1.02
-    times the noise, 82 % at 1.15 times, 57 % at 1.75 times, and 44 % beyond 2. That is about the
-    inverse. A set judged with an unknown remainder has probabilities that know it.
+    `ratio` is the held-out error over that of the noise. A set that leaves more may have a wrong
+    name: of 447 answers to recordings by others, 95 % were right that left at most 1.02 times the
+    noise, 82 % at 1.15 times, 57 % at 1.75 times, and 44 % beyond 2. That is about the inverse. A
+    set that is not named with confidence is partly named: something else is left.
     """
     highest = max(HIGHEST_PROBABILITY / max(ratio, 1.0), LOWEST_BOUND)
-    return {name: min(p, highest) for name, p in probability.items()}
+    found = judgement.probability or likelihoods(judgement)
+    probability = {name: min(p, highest) for name, p in found.items()}
+    if judgement.verdict == "named" and highest < LEAST_CONFIDENCE:
+        family = family_of(judgement.sets[0])
+        judgement = replace(judgement, verdict="partial", family=family)
+    return replace(judgement, probability=probability)
 
 
 def predictor(tried: Sequence[Scored], named: Collection[str] = ()) -> Scored:
