@@ -86,6 +86,13 @@ def test_a_body_that_stiffens_on_both_sides_or_yields_on_one_is_not_left(zero: f
         assert not is_left(recorded(force + 5.0 * np.gradient(X_M, DT_S)))
 
 
+def test_a_pull_that_lets_go_slowly_is_no_fixed_body() -> None:
+    """A neck of 3 mm hid the free air; no spring has a stiffness below zero."""
+    body = 350.0 * X_M + 5.0 * np.gradient(X_M, DT_S)
+    neck = -3.0 * np.exp(np.minimum(X_M, 0.0) / 3e-3)
+    assert is_left(recorded(np.where(X_M > 0.0, body, neck)))
+
+
 def test_free_air_is_seen_where_damping_hides_the_surface() -> None:
     """A damping with the depth is most of the force; two straight parts met in the body."""
     t = 1e-3 * np.arange(15_000)

@@ -9,6 +9,7 @@ effect is needed if it is likelier than all these.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +38,7 @@ _REST_LEFT = 0.02
 """Share of the structure beside its first effect that a pair leaves if the second one is no form
 error: partners that imitate form errors leave 0.2 to 0.9 of it, effects that are there 0.03 or
 less."""
+_SURELY_LEFT = 0.2  # the same share of what form errors leave to a partner at least
 _SHORTEST_MEMORY = 5.0  # samples; a shorter delay shows nothing beside the noise
 _LONGEST_MEMORY = 1.0 / 3.0  # of the recording; a longer one is a drift
 _MEMORIES = 5  # time constants between the two, a few of them in each decade
@@ -70,8 +72,10 @@ def both_needed(
     rival = min(singles.values(), key=lambda r: r.fit.bic)
     if rival is best and _takes_the_rest(pair, best):
         return True
-    if not best.tone_or_air_force and best.left.excess < SECOND_SHARE * excess:
-        return False  # the form of the first law may leave as much
+    # The form of the first law may leave as much as this, but a partner does not take that.
+    small = not best.tone_or_air_force and _rest(best) < SECOND_SHARE * excess
+    if small and not _takes_nearly_all(pair, best):
+        return False
     left = _Remainder.of(problem, pair, best, excess, floor)
     joint = left.criterion(problem, pair.fit)
     rivals = (best.fit,) if rival.fit is best.fit else (best.fit, rival.fit)
@@ -109,6 +113,18 @@ def _takes_the_rest(pair: Ranked, alone: Ranked) -> bool:
     """Return whether a pair leaves next to nothing of the structure beside its first effect."""
     most = pair.left.excess + SIGMAS * pair.left.deviation
     return most < _REST_LEFT * alone.left.excess
+
+
+def _rest(ranked: Ranked) -> float:
+    """Return the energy that a set leaves above the noise, in structure or in all values."""
+    return max(ranked.left.excess, ranked.fit.chi2 - ranked.fit.effective)
+
+
+def _takes_nearly_all(pair: Ranked, alone: Ranked) -> bool:
+    """Return whether a pair leaves no more beside its first effect than chance may add."""
+    chance = SIGMAS * max(pair.left.deviation, math.sqrt(2.0 * pair.fit.effective))
+    share = _rest(pair) - chance < _REST_LEFT * _rest(alone)
+    return share and chance < _SURELY_LEFT * _rest(alone)
 
 
 @dataclass(frozen=True)
