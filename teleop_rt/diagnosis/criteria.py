@@ -57,7 +57,7 @@ MOST_SETS = 3
 """Sets in an answer; a longer list gives the user no information."""
 HIGHEST_PROBABILITY = 0.97
 """Highest probability reported [1]: the share of answers above it that campaigns confirm."""
-LEAST_CONFIDENCE = 2.0 / 3.0
-"""Highest probability [1] below which a set is partly named: it is wrong half as often as right."""
+LEAST_CONFIDENCE = 0.5
+"""Highest probability [1] below which a set is partly named: it is wrong more often than right."""
 LOWEST_BOUND = 0.4
 """Lowest of these highest probabilities [1], for sets that leave several times the noise."""

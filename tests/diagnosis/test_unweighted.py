@@ -80,7 +80,7 @@ def test_a_name_taken_back_is_judged_beside_something_unknown(
     recording = from_arrays("biased", problem.motion.t, problem.motion.x, problem.force)
     found = diagnose(recording, surface=0.0)
     assert found.answer["class"]
-    assert not found.judgement.probability  # no set was sought beside something unknown
+    assert found.predictor is None  # no set was sought beside something unknown
     monkeypatch.setattr("teleop_rt.diagnosis.inference.confirmed.confirmed_unweighted", taken_back)
     found = diagnose(recording, surface=0.0)
-    assert found.judgement.probability or found.answer["verdict"] == "unexplained"
+    assert found.predictor is not None or found.answer["verdict"] == "unexplained"
