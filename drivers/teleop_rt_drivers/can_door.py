@@ -15,10 +15,10 @@ from teleop_rt.realtime.system_calls import monotonic_ns, receive_packets, send_
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import Slots
 
-FRAMES_PER_PACKET = 7
+FRAMES_PER_PACKET = 7  # at most, of those that a program sends at once
 _ROOM = FRAMES_PER_PACKET + 1
 """Frames for which a packet has room: a packet that fills it may be longer, and is no frames."""
-PACKETS_AT_ONCE = 16
+PACKETS_AT_ONCE = 16  # in one call: more that wait are Python's to take
 UNUSUAL = -1 << 20
 """In place of a number of frames: Python is to look at what has come, or at the socket."""
 
@@ -46,8 +46,8 @@ Whole = NDArray[np.int64]
 
 _ID, _DATA, _STAMP, _CLOCK = range(4)
 """Words of a frame to send, id with length, bytes and stamp, and where the clock is read to."""
-_WORD = 8
-_CLOCK_WORDS = 2
+_WORD = 8  # bytes of an int64
+_CLOCK_WORDS = 2  # a timespec: seconds and nanoseconds
 LENGTH_SHIFT = 32
 """Place of a frame's length in the word of its id [bits]."""
 

@@ -24,14 +24,14 @@ WIDE = struct.Struct("=IBB2x64sQ")
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
 LONGEST, LONGEST_WIDE = 8, 64
-UNREADABLE = -1
+UNREADABLE = -1  # in place of an id, which is never negative
 MOST_FRAMES_PER_CYCLE = 256
 """A full bus of 1 Mbit/s takes some 30 ms for so many of 8 bytes; the rest is for the next tick."""
 LENGTH_AT, DATA_AT = 4, 8
 """Bytes of a slot where a frame's length and data are; its id is the first four."""
 Slots = NDArray[np.uint8]
 """Frames for kernels (frames, at least BARE.size): each begins as BARE does."""
-_BIT_RATE_SWITCH = 0x01
+_BIT_RATE_SWITCH = 0x01  # CANFD_BRS of linux/can.h
 _ID = 0xFFFFFFFF
 """The id in a slot without a frame; no frame has it."""
 

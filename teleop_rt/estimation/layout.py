@@ -15,7 +15,7 @@ Whole = int | None
 Kernels test it against None, which numba decides before it compiles: what is left out costs no
 compile time, and most trials need none of it.
 """
-WHOLE = 1
+WHOLE = 1  # any number: its type alone counts
 
 RLS, SPRLS, NI_SPRLS, GN_VFF_RLS, IEC = range(5)
 WARMING_UP, ESTIMATED, HELD, RESTARTED = range(4)

@@ -21,9 +21,9 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 PROTOCOL = b"Noise_NNpsk0_25519_ChaChaPoly_SHA256"
 Body = bytes | memoryview
-KEY_BYTES = DH_BYTES = 32
+KEY_BYTES = DH_BYTES = 32  # of X25519 (RFC 7748)
 TAG_BYTES = 16
-"""Sizes of X25519 (RFC 7748) and of ChaCha20-Poly1305 (RFC 8439)."""
+"""Of ChaCha20-Poly1305 (RFC 8439), whose key has the size of an X25519 key."""
 pack_nonce = Struct("<4xQ").pack
 """The 12 bytes of a nonce, from its number."""
 NONCE_BYTES, NONCE_NUMBER_AT = 12, 4

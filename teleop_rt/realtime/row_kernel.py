@@ -19,7 +19,7 @@ Bytes = NDArray[np.uint8]
 Whole = NDArray[np.int64]
 Rows = NDArray[np.float64]
 
-_NOT_WANTED = -1
+_NOT_WANTED = -1  # in place of a column's number in the wanted row
 _ZERO, _NINE, _MINUS, _PLUS, _POINT, _COMMA, _END, _SMALL_E, _LARGE_E = (
     ord(letter) for letter in "09-+.,}eE"
 )

@@ -50,7 +50,7 @@ def machine() -> str:
     return f"{model}, Python {platform.python_version()}"
 
 
-LEAST_ROUNDS = 3
+LEAST_ROUNDS = 3  # a median of fewer is their mean or one of them
 
 
 def pin() -> None:

@@ -8,7 +8,7 @@ from teleop_rt.estimation.batch import least_squares
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
 
 SAMPLES, PARAMETERS = 3_600_000, 12
-ROUNDS = 5
+ROUNDS = 5  # at most: lstsq takes seconds, and the bench is to stay under two minutes
 
 
 def run(rounds: int) -> list[Row]:

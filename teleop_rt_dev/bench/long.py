@@ -23,7 +23,7 @@ from teleop_rt_dev.bench.measure import Row, row
 from teleop_rt_dev.paths import SILICONE
 
 MINUTES = (1.0, 60.0)
-REPLAY_S = 10.0
+REPLAY_S = 10.0  # played before the peak of memory is read: the page's usual window
 _STAMP = re.compile(rb'("stamp_ns":|"sample_stamp_ns":|"tick":)(\d+)')
 _BLOCK = 1 << 18
 

@@ -17,7 +17,7 @@ from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt_dev.bench.measure import Row, row
 
 PRIORITY = 60  # realtime.priority of the shipped rigs
-SECONDS = 1.0
+SECONDS = 1.0  # of one loop, ours or cyclictest's
 P50_BAR, P99_BAR = "<= 1.5", "<= 2"
 SPIN_US = 50
 """Waited without sleep before each deadline where a rig's `realtime.spin_us` says so."""

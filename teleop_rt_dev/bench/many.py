@@ -14,7 +14,7 @@ import numpy as np
 
 from teleop_rt_dev.bench.measure import Row, ratios, row, take_all_cores
 
-RECORDINGS = 200
+RECORDINGS = 200  # enough that starting the workers counts little
 SECONDS, RATE_HZ = 5.0, 500.0
 
 

@@ -22,7 +22,7 @@ const shown = () => (page.dataset.shown ? done(performance.now()) : setTimeout(s
 shown();
 """
 LARGEST_MB, LATEST_PAINT_S = 5, 1
-PATIENCE_S = 60
+PATIENCE_S = 60  # for a page's last figure, so that a late one is measured and not lost
 
 
 def run(rounds: int) -> list[Row]:

@@ -15,8 +15,8 @@ from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
 from teleop_rt_dev.bench.workload import Array, bank, oracles, regressions, sizes
 
 TICKS = 3_600_000  # an hour at 1 kHz
-CHUNK = 40_000
-ORACLE_SLICE = 300
+CHUNK = 40_000  # ticks at once, of which a round's are made: all 3.6 million need GBs
+ORACLE_SLICE = 300  # ticks of the solvers in plain Python, which take far longer for each
 SOURCE = Path(__file__).with_name("bank.c")
 
 

@@ -16,7 +16,7 @@ from teleop_rt_dev.bench.live import OURS
 from teleop_rt_dev.bench.measure import Row, row, take_all_cores
 from teleop_rt_dev.paths import SILICONE
 
-LONGEST_S = 2
+LONGEST_S = 2  # of a silence: people take a longer one for a command that hangs
 _COLUMNS = "120"
 _READ = 1 << 16
 

@@ -20,7 +20,7 @@ MODELS = {
     "hunt-crossley": [18.0, 0.02, 1.5],
 }
 SETTINGS = SolverSettings()
-NOISE = 0.03
+NOISE = 0.03  # N, or relative for Hunt-Crossley, as that of a load cell
 
 
 def rows() -> list[tuple[str, str, str]]:

@@ -33,7 +33,7 @@ EFFECTS = ("force_bias", "quadratic_damping", "coulomb_friction", "stress_relaxa
            "nonlinear_stiffening", "tool_inertia")  # fmt: skip
 SHARES = (1.0, 0.5)  # of the stated size
 MATERIAL, NOISE, SECONDS = "silicone", 0.01, 4.0  # noise over the force's deviation
-PLANT_SEED = 5
+PLANT_SEED = 5  # of the one motion that all cases share
 
 
 def added(effect: Effect, motion: RecordedMotion, shape: Mapping[str, float]) -> Vector:

@@ -32,7 +32,7 @@ from teleop_rt_drivers.quantity import plausible_position
 ON_CAN = ("odrive", "damiao", "robstride", "moteus", "vesc")
 ON_LINES = ("dynamixel", "feetech")
 PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
-CYCLES = 400
+CYCLES = 400  # before the attack; the answers of the second half, in steady motion, are kept
 FD_SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 STANDARD_BITS, EXTENDED_BITS = 11, 29
 

@@ -23,8 +23,8 @@ from teleop_rt_dev.paths import ROOT
 
 PICTURES = ROOT / "docs" / "pictures"
 TUTORIAL = ROOT / "docs" / "tutorial.md"
-COLOURS = 192
-PATIENCE_S = 120
+COLOURS = 192  # of a palette of 256 at most: more would not be seen
+PATIENCE_S = 120  # for a page that plays 12 s, on a busy machine too
 
 
 def main(arguments: Sequence[str]) -> int:

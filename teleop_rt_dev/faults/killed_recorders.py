@@ -33,7 +33,7 @@ METADATA = {
     ONLINE: {"position_unit": "m", "force_unit": "N"},
     SIZES: {"part_bytes": "1000000000", "part_s": "1e9", "kept_bytes": "1", "kept_parts": "0"},
 }
-PATIENCE_S = 60
+PATIENCE_S = 60  # for what takes a second at most, on a busy machine too
 
 
 class Pushing:

@@ -25,10 +25,10 @@ from teleop_rt.signals import SLAVE, TRUTH, columns
 from teleop_rt_dev.faults.table import result
 from teleop_rt_dev.paths import SILICONE
 
-WITHOUT_VOLTAGE = 0
+WITHOUT_VOLTAGE = 0  # of the column drive_mode: the simulated drive does nothing
 RECORDER = "recorder"
 PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
-ENDING_S = 10
+ENDING_S = 10  # for a slave whose ring is gone, to end
 COLUMN, TRUE = columns(SLAVE), columns(TRUTH)
 
 

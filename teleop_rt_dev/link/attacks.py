@@ -12,7 +12,7 @@ from teleop_rt.link.noise import Initiator, Responder, SessionKeys
 from teleop_rt.link.session import Session
 from teleop_rt_dev.link.pair import Pair
 
-AT_ONCE = 100
+AT_ONCE = 100  # packets that wait for a poll
 HELLO = 1  # kind of a packet, as `handshake` has it
 
 

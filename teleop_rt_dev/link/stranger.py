@@ -13,7 +13,7 @@ import socket
 from collections.abc import Sequence
 
 LOOPBACK = "127.0.0.1"
-PORTS = 8
+PORTS = 8  # from which it sends: limits per sender are tried as well
 LONGEST = 65507  # bytes of a datagram of UDP over IPv4
 COUNTER = slice(12, 20)
 """Where a sniffer sees a number that grows by one from packet to packet."""

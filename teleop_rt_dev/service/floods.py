@@ -14,7 +14,7 @@ from pathlib import Path
 
 SLOW_CLIENTS, PENDING_RELOADS = 200, 20
 HUGE_BYTES = 10 << 30
-PAUSE_S = 0.001
+PAUSE_S = 0.001  # between blows: the flood is the daemon's load, not the machine's
 CLIENTS = 20
 """That are left open at a time, while others come."""
 

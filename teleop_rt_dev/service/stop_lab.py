@@ -22,10 +22,10 @@ from teleop_rt_dev.service.lab import Lab
 from teleop_rt_drivers.canopen.cia402 import ENABLE_OPERATION
 from teleop_rt_drivers.unix_bus import UnixBus
 
-RATE_HZ = 200
+RATE_HZ = 200  # slower than the shipped 1 kHz: a machine under a flood misses few ticks
 ORDER, SYNC = 0x230, 0x80
 """The CAN ids of the drive's commands and of SYNC, which begins each tick, on the simulated rig."""
-PATIENCE_S = 10.0
+PATIENCE_S = 10.0  # for one frame or answer, on a busy machine too
 BOMB = "\n".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}' if n else 'x'] * 9)}]" for n in range(9))
 
 Busy = Callable[["StopLab"], Iterator[None]]

@@ -33,7 +33,7 @@ _asked = struct.Struct("<BBBbhii")
 COUNTS_PER_TURN = 4096  # 12 bits, by the control table of the X series
 MOST_COUNTS = 1_048_575
 """Of a goal in either direction: 256 turns."""
-RPM_PER_COUNT = 0.229
+RPM_PER_COUNT = 0.229  # of velocities, by the control table of the X series
 WATCHDOG_STEP_MS = 20
 """Units of VELOCITY and of WATCHDOG, by the maker's control table."""
 HARDWARE_ERRORS = {

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 UNSENT = 1 << 11
 """Bit of `exchange` for a SYNC that could not be sent."""
 LOWEST, HIGHEST = -(2**31), 2**31 - 1
-_TARGET_BITS = 0xFFFFFFFF
-_BITS = 8
+_TARGET_BITS = 0xFFFFFFFF  # a target is a signed number of 32 bits
+_BITS = 8  # of a byte: places in a frame count bytes
 
 
 class Sync:

@@ -42,7 +42,7 @@ LOST = 1 << 9
 """Bit of `take_cycle` for a node whose heartbeat ended, or says that it has left."""
 CHANGED = 1 << 10
 """Bit of `take_cycle` for a statusword that `Drive.settle` has not seen."""
-_STATE_BITS = 0x7F
+_STATE_BITS = 0x7F  # of a heartbeat's byte (CiA 301); the highest one is not the state's
 
 _KINDS = "bBhHiIqQfd"
 """Formats of fields, by their codes for kernels."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 COUNTERS = ("", "bad_status", "not_a_number", "out_of_range", "repeated", "clock_outliers")
 """By code what counts a frame; the value of one whose time alone is an outlier is kept."""
 FINE, _BAD_STATUS, _NOT_A_NUMBER, _OUT_OF_RANGE, _REPEATED, _CLOCK_OUTLIER = range(len(COUNTERS))
-NOWHERE = -1
+NOWHERE = -1  # in place of a slot
 FORCE_SHIFT = 4
 """Bits of `settle_cycle` by which what the force is found to be lies above the position's."""
 NOTHING, NEW, JUMPED, TOO_OLD, SILENT = 0, 1, 2, 4, 8
@@ -65,7 +65,7 @@ class Value:
 
 
 _VALUE = record_type(Value)
-_WORD_BITS = 64
+_WORD_BITS = 64  # of the int64 in which a device's counter gets its sign
 _NAMES = list(Value.__annotations__)
 StoredValue = NDArray[np.record]
 

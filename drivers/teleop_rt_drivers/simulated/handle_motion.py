@@ -25,11 +25,11 @@ DRY_SPEED = 1e-3
 POSITION, VELOCITY, HAND, HAND_VELOCITY, MOTOR, PORT, GIVEN, LEAST, MOTOR_WORK = range(9)
 """`PORT` is the hand's force on the device, `GIVEN` the energy it gave, `LEAST` that at its least;
 `MOTOR_WORK` is the energy that went into the motor."""
-STATES = 9
+STATES = MOTOR_WORK + 1
 (
     MASS, DAMPING, DRY, STOP_MIN, STOP_MAX, MOTOR_LAG_S, HAND_MASS, HAND_STIFFNESS, HAND_DAMPING,
 ) = range(9)  # fmt: skip
-CONSTANTS = 9
+CONSTANTS = HAND_DAMPING + 1
 
 
 @kernel

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Vector = NDArray[np.float64]
 
-ARMS = 3
+ARMS = 3  # Maxwell arms at most
 # Constants of the body, which a hand should feel ...
 (STIFFNESS, DAMPING, SURFACE, FOAM, LOCKING_DEPTH, LAYER, LAYER_DEPTH, LAYER_BLEND) = range(8)
 ARM = 8

@@ -24,12 +24,12 @@ HISTORY = 4096
 """Internal steps kept for the lagged force: more than 20 ms at any SYNC rate up to 4 kHz."""
 
 POSITION, VELOCITY, FORCE, IMPULSE, REFERENCE, REFERENCE_RATE, SEGMENT_LEFT = range(7)
-STATES = 7
+STATES = SEGMENT_LEFT + 1
 (
     MASS, SERVO_STIFFNESS, SERVO_DAMPING, SERVO_LIMIT, IDLE_DAMPING, STIFFNESS, DAMPING, SURFACE,
     PUSH,
 ) = range(9)  # fmt: skip
-CONSTANTS = 9
+CONSTANTS = PUSH + 1
 OFF, FOLLOWING, STOPPING, PUSHING = 0, 1, 2, 3
 """States of the drive: it does nothing, follows the reference, brakes to rest, or pushes."""
 
