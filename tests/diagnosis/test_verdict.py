@@ -106,6 +106,24 @@ def test_laws_that_all_leave_structure_are_not_distinguished_by_less_than_that()
     assert names(found) == ["nonlinear_stiffening", "mullins_softening"]
 
 
+def test_a_member_is_no_rival_of_the_pair_that_is_needed_over_it() -> None:
+    """Both leave structure, and the member less than half a percent of the excess more."""
+    alone = fitted(VALUES + 3e6)
+
+    def ranked(left: float, *members: str) -> Ranked:
+        fit = fitted(VALUES + left, *members)
+        lack = LackOfFit(left, RANK, doubt=0.02)
+        return Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, lack)
+
+    friction, rival = ranked(11_000.0, "coulomb_friction"), ranked(12_000.0, "hysteresis")
+    pair = ranked(150.0, "coulomb_friction", "force_drift")
+    found = judge(LackOfFit(3e6, RANK, doubt=0.02), [friction, rival], [pair], floor=0.0)
+    assert [r.fit.names for r in found.sets] == [
+        ("coulomb_friction", "force_drift"),
+        ("hysteresis",),
+    ]
+
+
 def test_a_rival_that_is_not_sure_by_itself_is_not_excluded_by_that() -> None:
     # Of the same gain, with so many more parameters that alone it would be no find.
     found = judged(35.0, force_bias=(0.0, CHANCE_LEFT), softening=(8.5, CHANCE_LEFT))

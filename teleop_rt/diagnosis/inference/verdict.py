@@ -135,6 +135,11 @@ def simpler_names(names: frozenset[str]) -> list[frozenset[str]]:
     return [names - {n} | {SPECIAL_CASE_OF[n]} for n in names if n in SPECIAL_CASE_OF]
 
 
+def _part_of(ranked: Ranked, pair: Ranked) -> bool:
+    """Return whether a set is one member of a pair, which is needed over each of its members."""
+    return set(ranked.fit.names) < set(pair.fit.names)
+
+
 def _surpassed_by_pair(ranked: Ranked, pairs: list[Ranked]) -> bool:
     """Return whether a pair explains the tone or free-air force that a single effect leaves."""
     names = set(ranked.fit.names)
@@ -194,7 +199,9 @@ def judge(
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
         unsure = [r for r in unsure if not _surpassed_by_pair(r, pairs)]
         near = tuple(
-            r for r in (*fitting, *unsure) if r is fitting[0] or _preference(r, closest) < reach
+            r
+            for r in (*fitting, *unsure)
+            if r is fitting[0] or (_preference(r, closest) < reach and not _part_of(r, closest))
         )
         if near[0].lacks_named_property:
             return Judgement("unexplained", (), None, excess, floor=floor)
