@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import TransferFunction, lsim
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -67,3 +68,20 @@ def test_a_small_friction_with_a_peak_is_named_beside_a_large_stiffening(
     assert answer["verdict"] == "named"
     assert set(answer["class"][0]) == {"nonlinear_stiffening", "stribeck_friction"}
     assert answer["error"]["after_over_floor"] < 1.1
+
+
+def test_a_ripple_is_named_beside_a_lag_of_a_thousand_times_its_energy() -> None:
+    """It passes the lag as well; the lag alone left 4.5 times the noise."""
+    t = np.arange(5400, dtype=np.float64) * 5e-3
+    x = sum(size * np.sin(2.0 * np.pi * hertz * t + phase) for size, hertz, phase in (
+        (6e-4, 0.21, 0.0), (3e-4, 0.63, 1.0), (1.5e-4, 1.7, 2.0), (8e-5, 3.1, 0.5)))  # fmt: skip
+    before = 3224.0 * x + 32.6 * np.gradient(x, t) + 0.05 * np.sin(2.0 * np.pi * x / 3.1e-4)
+    corner = 2.0 * np.pi * 2.67
+    late = lsim(TransferFunction([corner**2], [1.0, 1.4 * corner, corner**2]), before, t)[1]
+    force = late + 3.3e-3 * np.random.default_rng(2).standard_normal(t.size)
+    settled = slice(400, None)
+    position = 5e-7 * np.round(x / 5e-7)
+    made = from_arrays("lag", t[settled], position[settled], force[settled])
+    answer = diagnose(made, "spring,viscous,bias").answer
+    assert answer["class"] == [["force_lag", "position_ripple"]]
+    assert answer["error"]["after_over_floor"] < 1.5

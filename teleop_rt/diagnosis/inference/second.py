@@ -38,7 +38,7 @@ _REST_LEFT = 0.02
 """Share of the structure beside its first effect that a pair leaves if the second one is no form
 error: partners that imitate form errors leave 0.2 to 0.9 of it, effects that are there 0.03 or
 less."""
-_SURELY_LEFT = 0.2  # the same share of what form errors leave to a partner at least
+_LEFT_TO_PARTNERS = 0.2  # the same share that a partner leaves which imitates form errors
 _SHORTEST_MEMORY = 5.0  # samples; a shorter delay shows nothing beside the noise
 _LONGEST_MEMORY = 1.0 / 3.0  # of the recording; a longer one is a drift
 _MEMORIES = 5  # time constants between the two, a few of them in each decade
@@ -121,10 +121,10 @@ def _rest(ranked: Ranked) -> float:
 
 
 def _takes_nearly_all(pair: Ranked, alone: Ranked) -> bool:
-    """Return whether a pair leaves no more beside its first effect than chance may add."""
+    """Return whether a pair takes nine tenths of what its first effect leaves, beside chance."""
     chance = SIGMAS * max(pair.left.deviation, math.sqrt(2.0 * pair.fit.effective))
-    share = _rest(pair) - chance < _REST_LEFT * _rest(alone)
-    return share and chance < _SURELY_LEFT * _rest(alone)
+    least = _LEFT_TO_PARTNERS * _rest(alone)
+    return chance < least and _rest(pair) - chance < 0.5 * least
 
 
 @dataclass(frozen=True)
