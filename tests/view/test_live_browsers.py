@@ -77,8 +77,8 @@ def test_plots_name_their_units_and_parameters_as_the_report_does(stage):
     assert estimators["selected"] == feed.health.selected == 0
     assert estimators["parameters"] == {
         "0": [
-            {"title": "k of Kelvin-Voigt, RLS", "label": "k [N/m]"},
-            {"title": "b of Kelvin-Voigt, RLS", "label": "b [N s/m]"},
+            {"title": "k of Kelvin-Voigt, RLS; band: ± 2 σ", "label": "k [N/m]"},
+            {"title": "b of Kelvin-Voigt, RLS; band: ± 2 σ", "label": "b [N s/m]"},
         ]
     }
     shown = 1e3 * feed.shown["/slave"].columns["position"]

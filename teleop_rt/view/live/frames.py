@@ -147,9 +147,10 @@ class Frames:
         model, regression, solver = about.rows[int(source.removeprefix(_ESTIMATE))]
         window = self._window(source)
         units = about.position_unit, about.force_unit
+        estimator = f"{model_name(model)}, {method_name(regression, solver)}"
         return [
             {
-                "title": f"{name} of {model_name(model)}, {method_name(regression, solver)}",
+                "title": f"{name} of {estimator}; band: ± 2 σ",
                 "label": f"{name} [{parameter_unit(model, name, *units)}]",
             }
             for name in ([] if window is None else _names(window.columns))
