@@ -103,7 +103,7 @@ def close_loop(
         "effects": found.answer["effects"],
         "class": found.answer["class"],
         "family": found.answer["family"],
-        **{key: found.answer[key] for key in ("nearest", "dependence", "draft")},
+        **{key: found.answer[key] for key in ("probability", "nearest", "dependence", "draft")},
         "fitted_on": found.fitted_on,
         "surface_shift": found.surface_shift,
         "experiment": found.experiment,

@@ -27,7 +27,7 @@ from teleop_rt.offline.write import write_diagnosis
 
 KEPT = (
     *("base", "verdict", "effects", "class", "family"),
-    *("nearest", "dependence", "draft", "experiment"),
+    *("probability", "nearest", "dependence", "draft", "experiment"),
 )
 """Keys of a diagnosis' answer that the answer of a closed loop has, too."""
 

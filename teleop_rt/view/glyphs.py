@@ -146,5 +146,9 @@ def sources_of(chart: Chart) -> Sources:
 
 
 def as_sent(values: Array) -> NDArray[np.float32]:
-    """Return values as the page holds them: seven digits, half the size."""
-    return values.astype(np.float32)
+    """Return values as the page holds them: seven digits, half the size.
+
+    A deviation that the data do not determine may be larger than such a number; it is infinite.
+    """
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -59,6 +60,20 @@ def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
     assert "<h2>Residual over time, on fresh data</h2>" in page
     assert "not measured" in page
     assert [phase["name"] for phase in answer["phases"]] == ["diagnosis"]
+
+
+def test_a_closed_loop_is_printed_with_its_effect_and_errors(call, tmp_path):
+    first = measured(tmp_path / "first.csv", 1.3)
+    other = measured(tmp_path / "other.csv", 1.0, seed=2)
+    code, text, err = call(
+        "close-loop", "--recording", first, "--test", other, "--out", tmp_path / "loop"
+    )
+    assert (code, "Traceback" in err) == (0, False)
+    assert "nonlinear_stiffening (environment): " in text
+    assert re.search(r"Probability 0\.\d\d; explains [\d.]+ % of what the base leaves", text)
+    assert re.search(r"predicted in free run: NRMSE before [\d.]+, after [\d.]+", text)
+    assert text.splitlines()[-1] == f"files in {tmp_path / 'loop'}"
+    assert json.loads((tmp_path / "loop" / "loop.json").read_text())["probability"]
 
 
 def rubbed(path, hertz, seed=1):

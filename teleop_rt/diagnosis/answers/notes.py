@@ -9,6 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.criteria import NAMED_SHARE, REDRAWN_NOISE_RATIO
+from teleop_rt.diagnosis.inference.explanation import highest_probability
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.held import HELD, LEFT
@@ -25,6 +26,7 @@ STEPS_OF_MOTION = (
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """Of the force's deviation; a larger error suggests that the recording is of another object."""
+_ROUNDED = 1e-3  # of a probability, as the answer states it
 _LEAST_OF_TIME = 0.1
 """Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
 _RESTS_ON = {
@@ -176,12 +178,15 @@ def _of_ratio(answer: dict[str, Any], ratio: float) -> list[str]:
                 " noise; make a longer recording, or one with more free air, to separate them"
             )
         ]
-    return [
-        (
-            f"{cause}: the effect may have another form, or a further one may be missing;"
-            " record another motion to separate them"
-        )
-    ]
+    form = (
+        "the effect may have another form, or a further one may be missing; record another motion"
+        " to separate them"
+    )
+    highest = highest_probability(ratio)
+    if any(chance > highest + _ROUNDED for chance in answer["probability"].values()):
+        return [f"{cause}: {form}"]
+    share = f"of answers that leave as much, {100.0 * highest:.0f} % hold the right names"
+    return [f"{cause}; {share}: {form}"]
 
 
 def of_dropout(first_s: float, past_s: float) -> str:
