@@ -71,7 +71,7 @@ _CORE_TAGS = {f"{_CORE}{name}" for name in ("map", "seq", "str", "null", "bool",
 """Of YAML 1.2; others would make dates, sets or objects of what no schema here wants."""
 
 
-_CHECK = "check brackets, quotes and indentation in this line and those above"
+_CHECK = "check blanks after colons, brackets, quotes and indentation in this line and those above"
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 """Characters that control a terminal when the text is printed; tab and line end do not."""

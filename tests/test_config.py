@@ -306,7 +306,9 @@ def test_a_missing_rig_an_unknown_driver_and_broken_yaml_each_get_one_message(tm
     assert unknown == ["rig.yaml:11: rig.axis.driver: 'magic' is not one of: bench, plain"]
     (broken,) = problems_of(tmp_path, trial="a: [1, 2\nb: 3\n")
     assert broken.startswith("trial.yaml:2: YAML syntax")
-    assert broken.endswith("; check brackets, quotes and indentation in this line and those above")
+    assert broken.endswith(
+        "; check blanks after colons, brackets, quotes and indentation in this line and those above"
+    )
     (empty,) = problems_of(tmp_path, trial="")
     assert "must contain keys and values" in empty
 

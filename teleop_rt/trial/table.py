@@ -10,7 +10,15 @@ from rich.table import Table
 
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.section import Units
-from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, grades, of_error, of_fault, selected_nrmse
+from teleop_rt.trial.grades import (
+    GRADE_COLOURS,
+    MARKS,
+    MISSED_SHARE,
+    grades,
+    of_error,
+    of_fault,
+    selected_nrmse,
+)
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
 
 _GRADED = {
@@ -152,6 +160,14 @@ def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str,
         yield "surface: worst error", f"{error} (at {met['surface_error_s']:.1f} s)"
 
 
+def _missed(summary: Mapping[str, Any]) -> str:
+    """Return how many ticks were missed, with the share that is good where it is exceeded."""
+    missed = summary["missed_ticks"]
+    if missed is None or missed <= MISSED_SHARE * summary["ticks"]:
+        return f"{missed} missed"
+    return f"{missed} missed (good: at most {1e3 * MISSED_SHARE:g} of 1000)"
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -169,7 +185,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         *_start_up(summary),
-        ("ran", f"{ran}, {summary['missed_ticks']} missed{early}"),
+        ("ran", f"{ran}, {_missed(summary)}{early}"),
         *_on_time(summary),
         ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),

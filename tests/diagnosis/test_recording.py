@@ -223,6 +223,8 @@ def test_an_unknown_role_or_unit_or_column_is_refused(
         layout_of(path, {"colour": "x"})
     with pytest.raises(RecordingError, match="no column 'F'"):
         load(path, layout_of(path, {"force": "F"}))
+    with pytest.raises(RecordingError, match="did you mean 'position_m'"):
+        load(path, layout_of(path, {"position": "position_mm"}))
     with pytest.raises(RecordingError, match="unknown unit"):
         load(path, layout_of(path, {"force": "force_N"}, {"force": "dyn"}))
 

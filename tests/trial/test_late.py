@@ -133,7 +133,9 @@ def test_lateness_that_ended_a_run_is_the_first_line(tmp_path):
     assert "longest stall" in result
     assert "would have stopped after 0.1 s: 63.0 ms" in result
     assert "SCHED_FIFO granted (why)" in result
-    summary["clock"] = "simulated"
+    assert "9 ticks, 63 missed (good: at most 1 of 1000)" in result
+    summary |= {"clock": "simulated", "ticks": 1000, "missed_ticks": 1}
     out = io.StringIO()
     print_summary(Console(file=out, width=500), summary, silicone().rig.units)
     assert "longest stall" not in out.getvalue()
+    assert "1000 ticks, 1 missed\n" in out.getvalue()

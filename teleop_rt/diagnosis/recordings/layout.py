@@ -197,9 +197,10 @@ def _in_full(path: Path, table: Mapping[str, Vector], role: str, name: str) -> s
     alike = [column for column in table if _without_unit(column, role)[0] == name]
     if len(alike) == 1:
         return alike[0]
-    plain = {_without_unit(column, role)[0]: column for column in table}
-    near = [] if alike else difflib.get_close_matches(name, plain, n=1)
-    meant = f" did you mean {plain[near[0]]!r}?" if near else ""
+    known = {_without_unit(column, role)[0]: column for column in table}
+    known |= {column: column for column in table}
+    near = [] if alike else difflib.get_close_matches(name, known, n=1)
+    meant = f" did you mean {known[near[0]]!r}?" if near else ""
     raise RecordingError(
         f"{path}: no column {name!r} for {role};{meant} there are: {', '.join(table)}"
     )
