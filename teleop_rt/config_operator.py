@@ -58,7 +58,10 @@ class ProfileOperator(Section):
     @model_validator(mode="after")
     def _stays_in_contact(self) -> ProfileOperator:
         if self.amplitude >= self.mean:
-            raise ValueError("amplitude must be below mean, or every cycle would leave contact")
+            raise ValueError(
+                f"amplitude {self.amplitude:g} must be below mean {self.mean:g}, or every cycle"
+                " would leave contact"
+            )
         return self
 
 
