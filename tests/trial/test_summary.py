@@ -76,12 +76,13 @@ def test_a_force_above_the_cap_is_noted_with_its_size_and_its_longest_time():
     force[10:14], force[40:47], force[80], valid[80] = 95.0, 101.0, 300.0, 0.0
     slave = {"force": force, "valid": valid, "in_contact": np.zeros(100)}
     adequate = {"inadequate": False}
-    (note,) = summary_notes.all_notes(silicone(), slave, outcome(), replayed(), adequate, 20.0)
+    given = (outcome(), replayed(), adequate, None, 20.0)
+    (note,) = summary_notes.all_notes(silicone(), slave, *given)
     assert note.startswith(
         "the tool pressed with 101 N, above slave.force_cap 90, for up to 7 ms at a time: a wall "
     )
     slave["force"] = np.minimum(force, 90.0)
-    assert not summary_notes.all_notes(silicone(), slave, outcome(), replayed(), adequate, 20.0)
+    assert not summary_notes.all_notes(silicone(), slave, *given)
 
 
 def test_rows_that_were_not_recorded_leave_a_gap_and_no_false_step():
