@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import TransferFunction, lsim
 
+from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.needed import needed_pairs
@@ -47,6 +48,18 @@ def test_the_likelihood_decides_between_a_needed_pair_and_its_special_case() -> 
     assert row["class"] == [["coulomb_friction", "force_bias"]]
 
 
+def stiff_body() -> tuple[Vector, Vector, Vector, Vector]:
+    """Return time [s], position [m], velocity [m/s] and force [N] of a cubic body, with noise."""
+    t = np.arange(8000, dtype=np.float64) * 2e-3
+    x, v = np.zeros(t.size), np.zeros(t.size)
+    for size, hertz, phase in ((4e-3, 0.35, 0.0), (1.5e-3, 1.3, 1.0), (0.7e-3, 2.9, 2.0)):
+        rate = 2.0 * np.pi * hertz
+        x += size * np.sin(rate * t + phase)
+        v += rate * size * np.cos(rate * t + phase)
+    noise = 0.01 * np.random.default_rng(5).standard_normal(t.size)
+    return t, x, v, 700.0 * x + 2.0 * v + 9e7 * x**3 + noise
+
+
 @pytest.mark.parametrize(("friction", "peak"), [(0.4, 0.6), (0.2, 1.0)])
 def test_a_small_friction_with_a_peak_is_named_beside_a_large_stiffening(
     friction: float, peak: float
@@ -55,16 +68,9 @@ def test_a_small_friction_with_a_peak_is_named_beside_a_large_stiffening(
 
     Of the first, Coulomb friction was named; the second was not searched.
     """
-    t = np.arange(8000, dtype=np.float64) * 2e-3
-    x, v = np.zeros(t.size), np.zeros(t.size)
-    for size, hertz, phase in ((4e-3, 0.35, 0.0), (1.5e-3, 1.3, 1.0), (0.7e-3, 2.9, 2.0)):
-        rate = 2.0 * np.pi * hertz
-        x += size * np.sin(rate * t + phase)
-        v += rate * size * np.cos(rate * t + phase)
+    t, x, v, body = stiff_body()
     rubs = friction * np.tanh(v / 5e-4) * (1.0 + peak * np.exp(-((v / 8e-3) ** 2)))
-    noise = 0.01 * np.random.default_rng(5).standard_normal(t.size)
-    force = 700.0 * x + 2.0 * v + 9e7 * x**3 + rubs + noise
-    answer = diagnose(from_arrays("rubs", t, x, force), "spring,viscous,bias").answer
+    answer = diagnose(from_arrays("rubs", t, x, body + rubs), "spring,viscous,bias").answer
     assert answer["verdict"] == "named"
     assert set(answer["class"][0]) == {"nonlinear_stiffening", "stribeck_friction"}
     assert answer["error"]["after_over_floor"] < 1.1
@@ -85,3 +91,14 @@ def test_a_ripple_is_named_beside_a_lag_of_a_thousand_times_its_energy() -> None
     answer = diagnose(made, "spring,viscous,bias").answer
     assert answer["class"] == [["force_lag", "position_ripple"]]
     assert answer["error"]["after_over_floor"] < 1.5
+
+
+def test_a_name_that_leaves_thirty_times_the_noise_is_partly_named() -> None:
+    """A bias and a drift beside a stiff cubic body are one effect more than are searched."""
+    t, x, _, body = stiff_body()
+    answer = diagnose(
+        from_arrays("drifts", t, x, body + 0.3 + 0.2 * t / 16.0), "spring,viscous"
+    ).answer
+    assert answer["error"]["after_over_floor"] > 2.0
+    assert answer["verdict"] in {"partial", "class", "unexplained"}
+    assert all(chance <= 0.5 for chance in answer["probability"].values())

@@ -66,7 +66,7 @@ def explains(ranked: Ranked, excess: float, slack: float = 0.0) -> float:
 
 def slack_of(ranked: Ranked, floor: float) -> float:
     """Return the residual energy of a set that chance and encoder errors (`floor`) account for."""
-    return SIGMAS / 2.0 * ranked.left.deviation + max(floor, _encoder_slack(ranked))
+    return SIGMAS / 2.0 * ranked.left.deviation + max(floor, encoder_slack(ranked))
 
 
 def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
@@ -81,7 +81,7 @@ def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
     return left <= share + slack_of(ranked, floor) and ranked.air_mismatch <= 1.0 - NAMED_SHARE
 
 
-def _encoder_slack(ranked: Ranked) -> float:
+def encoder_slack(ranked: Ranked) -> float:
     """Return the part of a set's residual that its effects may have made of encoder errors.
 
     It is 0 if the set gains no more than these errors.

@@ -38,7 +38,9 @@ _REST_LEFT = 0.02
 """Share of the structure beside its first effect that a pair leaves if the second one is no form
 error: partners that imitate form errors leave 0.2 to 0.9 of it, effects that are there 0.03 or
 less."""
-_LEFT_TO_PARTNERS = 0.2  # the same share that a partner leaves which imitates form errors
+_NEARLY_NOTHING = 0.1
+"""The same share for a small effect beside a large one, whose form leaves a part: half of what
+partners leave that imitate form errors. Chance must be smaller than what those leave."""
 _SHORTEST_MEMORY = 5.0  # samples; a shorter delay shows nothing beside the noise
 _LONGEST_MEMORY = 1.0 / 3.0  # of the recording; a longer one is a drift
 _MEMORIES = 5  # time constants between the two, a few of them in each decade
@@ -123,8 +125,8 @@ def _rest(ranked: Ranked) -> float:
 def _takes_nearly_all(pair: Ranked, alone: Ranked) -> bool:
     """Return whether a pair takes nine tenths of what its first effect leaves, beside chance."""
     chance = SIGMAS * max(pair.left.deviation, math.sqrt(2.0 * pair.fit.effective))
-    least = _LEFT_TO_PARTNERS * _rest(alone)
-    return chance < least and _rest(pair) - chance < 0.5 * least
+    most = _NEARLY_NOTHING * _rest(alone)
+    return chance < 2.0 * most and _rest(pair) - chance < most
 
 
 @dataclass(frozen=True)

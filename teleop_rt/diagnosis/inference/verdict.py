@@ -19,9 +19,9 @@ from teleop_rt.diagnosis.criteria import (
 )
 from teleop_rt.diagnosis.inference.ranked import (
     Ranked,
-    _encoder_slack,
     adequate,
     certain,
+    encoder_slack,
     excess_of,
     explains,
     family_of,
@@ -125,7 +125,7 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 
     def merit(ranked: Ranked) -> float:
         penalty = ranked.fit.bic - ranked.fit.chi2
-        return (ranked.fit.chi2 - _encoder_slack(ranked)) / dispersion + penalty
+        return (ranked.fit.chi2 - encoder_slack(ranked)) / dispersion + penalty
 
     return sorted(candidates, key=merit)
 
