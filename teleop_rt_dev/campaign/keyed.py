@@ -10,6 +10,10 @@ right     the named set, or one of the class, is the truth or tied to it; nothin
           missing; "unexplained" or "partial" for what is outside the library
 honest    "unexplained", "nothing missing", or effects of the truth alone, without all of them
 wrong     any other answer: a name that is not there
+
+Printed beside these are `first`, right answers of which the best set is the truth or tied to it,
+and `some`, answers whose best set holds an effect of the truth and no other; then how often effects
+of each stated probability are at work.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.layout import Layout
 from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import ExpectedError
+from teleop_rt_dev.diagnosis.table import reliability_lines
 from teleop_rt_dev.parallel import in_order
 
 Worth = Literal["right", "honest", "wrong"]
@@ -42,15 +47,15 @@ def entries(folder: Path, only: Sequence[str] = ()) -> list[dict[str, str]]:
     return [row for row in rows if not only or any(text in row["name"] for text in only)]
 
 
-def answered(entry: Mapping[str, str]) -> tuple[str, list[list[str]]]:
-    """Return the verdict on a recording and its sets; the verdict "error" if it is refused."""
+def answered(entry: Mapping[str, str]) -> dict[str, Any]:
+    """Return verdict, class and probabilities of a recording; the verdict "error" if refused."""
     file = Path(entry["folder"]) / f"{entry['name']}.csv"
     try:
         recording = load(file, Layout({"time": "t", "position": "x", "force": "f"}, {}))
         answer = diagnose(recording, entry["base"]).answer
     except (ExpectedError, ValueError):
-        return "error", []
-    return answer["verdict"], answer["class"]
+        return {"verdict": "error", "class": [], "probability": {}}
+    return {key: answer[key] for key in ("verdict", "class", "probability")}
 
 
 def worth(entry: Mapping[str, str], verdict: str, sets: Sequence[Sequence[str]]) -> Worth:
@@ -64,11 +69,18 @@ def worth(entry: Mapping[str, str], verdict: str, sets: Sequence[Sequence[str]])
         if verdict in {"named", "class"}:
             return "wrong"
         return "right" if verdict in {"unexplained", "partial"} else "honest"
-    truth = set(entry["truth"].split("+"))
-    tied = [set(names.split("+")) for names in (entry.get("tied") or "").split("|") if names]
-    if verdict != "partial" and any(names in (truth, *tied) for names in named):
+    true = true_sets(entry)
+    if verdict != "partial" and any(names in true for names in named):
         return "right"
-    return "honest" if all(_of_one(names, (truth, *tied)) for names in named) else "wrong"
+    return "honest" if all(_of_one(names, true) for names in named) else "wrong"
+
+
+def true_sets(entry: Mapping[str, str]) -> list[set[str]]:
+    """Return the sets of effects that are right by the key: the truth, and those tied to it."""
+    if entry["truth"] == "none" or entry["truth"].startswith(_OUTSIDE):
+        return []
+    sets = [entry["truth"], *(entry.get("tied") or "").split("|")]
+    return [set(names.split("+")) for names in sets if names]
 
 
 def _of_one(names: set[str], sets: Sequence[set[str]]) -> bool:
@@ -77,30 +89,38 @@ def _of_one(names: set[str], sets: Sequence[set[str]]) -> bool:
 
 
 def row(entry: Mapping[str, str]) -> dict[str, Any]:
-    """Return a recording's answer, what it is worth, and the processor time [s]."""
+    """Return a recording's answer, what it is worth, and the processor time [s].
+
+    `effects` are those that may be at work by the key, for the reliability of probabilities.
+    """
     begun = time.process_time()
-    verdict, sets = answered(entry)
+    answer = answered(entry)
     seconds = round(time.process_time() - begun, 2)
-    return dict(entry) | {
-        "verdict": verdict, "class": sets, "worth": worth(entry, verdict, sets), "seconds": seconds,
+    true, worth_of_it = true_sets(entry), worth(entry, answer["verdict"], answer["class"])
+    best = set(answer["class"][0]) if answer["class"] else set()
+    return dict(entry) | answer | {
+        "worth": worth_of_it, "seconds": seconds, "effects": sorted(set().union(*true)),
+        "first": worth_of_it == "right" and (not true or best in true),
+        "some": bool(best) and _of_one(best, true),
     }  # fmt: skip
 
 
-def show(rows: Sequence[Mapping[str, Any]]) -> str:
+def show(rows: list[dict[str, Any]]) -> str:
     """Return the counts of each group and the wrong answers, in Markdown."""
-    groups: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for one in rows:
         groups[one["group"]].append(one)
-    lines = ["| group | records | right | honest | wrong | median time [s] |",
-             "| --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    lines = ["| group | records | first | right | some | honest | wrong | median time [s] |",
+             "| --- | --- | --- | --- | --- | --- | --- | --- |"]  # fmt: skip
     for group, ones in groups.items():
         counts = Counter(one["worth"] for one in ones)
-        figures = (len(ones), counts["right"], counts["honest"], counts["wrong"],
+        first, some = (sum(one[key] for one in ones) for key in ("first", "some"))
+        figures = (len(ones), first, counts["right"], some, counts["honest"], counts["wrong"],
                    f"{median(one['seconds'] for one in ones):.2f}")  # fmt: skip
         lines.append(f"| {group} | {' | '.join(map(str, figures))} |")
-    lines += ["", *(f"{one['name']} ({one['truth']}): {one['verdict']} {one['class']}"
-                    for one in rows if one["worth"] == "wrong")]  # fmt: skip
-    return "\n".join(lines)
+    wrong = [f"{one['name']} ({one['truth']}): {one['verdict']} {one['class']}"
+            for one in rows if one["worth"] == "wrong"]  # fmt: skip
+    return "\n".join([*lines, "", *reliability_lines(rows), "", *wrong])
 
 
 def main(arguments: list[str]) -> int:

@@ -11,7 +11,7 @@ from scipy.stats import beta
 
 Row = dict[str, Any]
 _SEEN_LAMBDA = 300.0
-_BINS = (0.0, 0.2, 0.5, 0.9, 1.01)  # of stated probability; the last holds 1 itself
+_BINS = (0.0, 0.2, 0.5, 0.7, 0.9, 0.95, 1.01)  # of stated probability; the last holds 1 itself
 _SHOWN = ("group", "generator", "seed", "material", "motion", "kind", "lambda", "verdict", "class",
           "family", "resolved")  # fmt: skip
 
@@ -127,6 +127,20 @@ def brier(rows: list[Row]) -> float | None:
     return float(np.mean(squares)) if squares else None
 
 
+def reliability_lines(rows: list[Row]) -> list[str]:
+    """Return the reliability diagram and the Brier score as text."""
+    lines = ["probability of an effect: stated (mean), correct share with its 95 % bounds"]
+    for one in reliability(rows):
+        stated = "-" if one["stated"] is None else f"{one['stated']:.2f}"
+        share = "-" if one["rate"] is None else f"{one['rate']:.2f}"
+        lines.append(
+            f"  {one['from']:.2f} to {min(one['to'], 1.0):.2f}: {stated:>5s} {share:>5s}"
+            f"  [{one['low']:.2f}, {one['high']:.2f}]  {one['hits']} of {one['of']}"
+        )
+    score = brier(rows)
+    return [*lines, f"  Brier score {'-' if score is None else format(score, '.3f')}"]
+
+
 def wrong(row: Row) -> bool:
     """Return whether an answer is to be listed."""
     if row["group"] == "interval":
@@ -152,16 +166,7 @@ def show(rows: list[Row], found: dict[str, dict[str, Any]]) -> None:
             )
     for name, number in found["figures"].items():
         print(f"{name:48s} {'-' if number is None else format(number, '.3f')}")
-    print("\nprobability of an effect: stated (mean), correct share with its 95 % bounds")
-    for one in reliability(rows):
-        stated = "-" if one["stated"] is None else f"{one['stated']:.2f}"
-        share = "-" if one["rate"] is None else f"{one['rate']:.2f}"
-        print(
-            f"  {one['from']:.1f} to {min(one['to'], 1.0):.1f}: {stated:>5s} {share:>5s}"
-            f"  [{one['low']:.2f}, {one['high']:.2f}]  {one['hits']} of {one['of']}"
-        )
-    score = brier(rows)
-    print(f"  Brier score {'-' if score is None else format(score, '.3f')}")
+    print("\n" + "\n".join(reliability_lines(rows)))
     answers = Counter(
         ("+".join(r["effects"]) or "nothing", "+".join(r["named"]) or str(r["verdict"]))
         for r in rows

@@ -57,7 +57,8 @@ def test_a_folder_is_diagnosed_by_its_key(
     )
     assert campaign.main([str(tmp_path), "--only", "plain", "rubs"]) == 0
     table = capsys.readouterr().out
-    assert "| null | 1 | 1 | 0 | 0 |" in table
-    assert "| single | 1 | 1 | 0 | 0 |" in table
+    assert "| null | 1 | 1 | 1 | 0 | 0 | 0 |" in table
+    assert "| single | 1 | 1 | 1 | 1 | 0 | 0 |" in table
+    assert "1 of 1" in table[table.index("0.95 to 1.00") :].splitlines()[0]
     (gone,) = [campaign.row(entry) for entry in campaign.entries(tmp_path, ["gone"])]
     assert (gone["verdict"], gone["worth"]) == ("error", "honest")
