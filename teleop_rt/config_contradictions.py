@@ -21,7 +21,8 @@ class ContradictionError(ValueError):
 def contradictions(trial: TrialConfig) -> list[str]:
     """Return a sentence for each demand that a trial does not meet; it begins with a key, dotted.
 
-    That key is one of the fields of a trial, and the rest of the sentence follows it.
+    That key is one of the fields of a trial, and the rest of the sentence follows it; the others
+    that the sentence names are dotted, too.
     """
     return [
         *_forces_out_of_order(trial),
@@ -38,18 +39,18 @@ def _forces_out_of_order(trial: TrialConfig) -> list[str]:
     onset, noise = trial.contact.onset_force, trial.rig.sensors.force_noise
     friction = trial.rig.sensors.friction_deviation
     if cap > limit:
-        problems.append(f"slave.force_cap {cap} is above the rig's limits.force_max {limit}")
+        problems.append(f"slave.force_cap {cap} is above rig.limits.force_max {limit}")
     if onset >= cap:
         problems.append(f"contact.onset_force {onset} is not below slave.force_cap {cap}")
     if onset < 3 * noise:
         problems.append(
-            f"contact.onset_force {onset} is below three times the rig's"
-            f" sensors.force_noise {noise}: noise would be taken for contact"
+            f"contact.onset_force {onset} is below three times"
+            f" rig.sensors.force_noise {noise}: noise would be taken for contact"
         )
     if onset < 3 * friction:
         problems.append(
-            f"contact.onset_force {onset} is below three times the rig's"
-            f" sensors.friction_deviation {friction}: friction would be taken for contact"
+            f"contact.onset_force {onset} is below three times"
+            f" rig.sensors.friction_deviation {friction}: friction would be taken for contact"
         )
     return problems
 
@@ -60,8 +61,8 @@ def _sampled_too_slowly(trial: TrialConfig) -> list[str]:
     if cutoff < rate / 3:
         return []
     problem = (
-        f"estimation.differentiator.cutoff_hz {cutoff:g} is not below a third of the rig's"
-        f" rate_hz {rate:g}: take less than {rate / 3:.3g} Hz, or a higher rate"
+        f"estimation.differentiator.cutoff_hz {cutoff:g} is not below a third of"
+        f" rig.rate_hz {rate:g}: take less than {rate / 3:.3g} Hz, or a higher rate"
     )
     return [problem]
 
@@ -93,13 +94,13 @@ def _motion_out_of_range(trial: TrialConfig) -> list[str]:
     room = limits.position_max - limits.position_min
     if deepest > room:
         problems.append(
-            f"operator: mean and amplitude make {deepest:g} of penetration, and the rig's"
-            f" limits leave a range of {room:g}"
+            f"operator: mean and amplitude make {deepest:g} of penetration, and"
+            f" rig.limits leave a range of {room:g}"
         )
     start = scale * profile.start
     if not limits.position_min <= start <= limits.position_max:
         problems.append(
-            f"operator: start {start:g} is outside of the rig's limits"
+            f"operator: start {start:g} is outside of rig.limits"
             f" {limits.position_min:g} to {limits.position_max:g}"
         )
     return problems

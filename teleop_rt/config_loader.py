@@ -14,6 +14,7 @@ from teleop_rt.config_rig import AxisConfig, RigConfig
 from teleop_rt.section import Section, Units
 from teleop_rt.shipped import example, example_names, meant
 from teleop_rt.yaml_file import (
+    OVERRIDE,
     ConfigError,
     ConfigProblem,
     Document,
@@ -61,8 +62,9 @@ def load_trial(
     _check_driver_sections(document, axis_schemas, plant_schemas, problems)
     trial = _validate(TrialConfig, document, (), _units(document), problems)
     if _units(document) is None:
-        rig_alone = [problem for problem in problems if ": rig" in str(problem)]
-        raise ConfigError(rig_alone or problems)
+        for cause in (": rig.units", ": rig", ""):  # without units no other key has its name
+            if first := [problem for problem in problems if cause in str(problem)]:
+                raise ConfigError(first)
     if problems:
         raise ConfigError(problems)
     assert trial is not None  # noqa: S101 - no problem was found, so it was built
@@ -85,8 +87,6 @@ def load_rig(path: Path, axis_schemas: AxisSchemas) -> RigConfig:
     return rig
 
 
-OVERRIDE = "--set "
-"""Beginning of the place of a value from the command line."""
 FORMAT = 1
 """The format of trials and rigs that this version reads; a file that names none is of this one."""
 
@@ -247,7 +247,7 @@ def _validate(
         reported = {problem.where for problem in problems}
         details = error.errors()
         for detail in details:
-            if follows_from_others(detail, details):
+            if follows_from_others(schema, units, detail, details):
                 continue
             nested = detail["loc"] == ("plant",) or detail["loc"][-1:] == ("axis",)
             if not (nested and reported):

@@ -20,13 +20,21 @@ _DECIMAL_COMMA = re.compile(r"([-+]?\d+),(\d+)")
 _WITH_UNIT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)\s*[a-zA-Zµ°]\S*")
 _NUMBERS = {"float_type": "a number", "int_type": "a whole number"}
 
-_DOTTED = re.compile(r"([a-z_]+(?:\.[a-z_]+)*):? (.+)", re.DOTALL)
-"""A contradiction: the key that it is about, and what is said of that key."""
+_DOTTED = re.compile(r"[a-z_]+(?:\.[a-z_]+)+")
+"""A key that a contradiction names in its sentence."""
 
 
-def follows_from_others(detail: ErrorDetails, details: list[ErrorDetails]) -> bool:
-    """Return whether a list is reported as too short only because its items are invalid."""
+def follows_from_others(
+    schema: type[Section], units: Units | None, detail: ErrorDetails, details: list[ErrorDetails]
+) -> bool:
+    """Return whether a key is missing because it is misspelt, or a list short of invalid items."""
     loc = detail["loc"]
+    if detail["type"] == "missing":
+        unknown = (other["loc"] for other in details if other["type"] == "extra_forbidden")
+        return any(
+            other[:-1] == loc[:-1] and _key_at(schema, loc, units) == _meant(schema, other, units)
+            for other in unknown
+        )
     return detail["type"] == "too_short" and any(
         len(other["loc"]) > len(loc) and other["loc"][: len(loc)] == loc for other in details
     )
@@ -43,15 +51,33 @@ def problems_of(
     error = detail.get("ctx", {}).get("error")
     if not isinstance(error, ContradictionError):
         return [problem_of(schema, document, path, units, detail)]
-    problems = []
-    for sentence in error.found:
-        named = _DOTTED.fullmatch(sentence)
-        assert named is not None  # noqa: S101 - `contradictions` begins each with a key
-        keys = (*path, *detail["loc"], *named[1].split("."))
-        location = _written_keys(document, keys, schema, len(path), units)
-        name = ".".join(map(str, location))
-        problems.append(ConfigProblem(document.place(location), f"{name}: {named[2]}"))
-    return problems
+    above = (*path, *detail["loc"])
+    return [
+        _contradiction(schema, document, above, len(path), units, sentence)
+        for sentence in error.found
+    ]
+
+
+def _contradiction(
+    schema: type[Section],
+    document: Document,
+    above: KeyPath,
+    skip: int,
+    units: Units | None,
+    sentence: str,
+) -> ConfigProblem:
+    """Say a contradiction with the keys of the file, at the first key that it names."""
+    locations: list[KeyPath] = []
+
+    def written(key: str) -> str:
+        location = _written_keys(document, (*above, *key.split(".")), schema, skip, units)
+        locations.append(location)
+        return ".".join(map(str, location))
+
+    first, said = sentence.split(" ", 1)
+    name = written(first.rstrip(":"))
+    said = _DOTTED.sub(lambda key: written(key[0]), said)
+    return ConfigProblem(document.origin(locations), f"{name}: {said}")
 
 
 def problem_of(
@@ -75,6 +101,9 @@ def problem_of(
         message = _wrong_tag(schema, detail)
     elif detail["type"] == "tuple_type":
         message = f"must be a list (it is {_shown(detail['input'])})"
+    elif detail["type"] in {"model_type", "model_attributes_type"}:
+        keys = ", ".join(_known_keys(schema, detail["loc"], units)) or "its own"
+        message = f"must be a section, with keys of {keys} (it is {_shown(detail['input'])})"
     elif detail["type"] == "string_type" and isinstance(detail["input"], bool | int | float):
         message = f"must be text (it is {_shown(detail['input'])}): put it in quotes"
     elif detail["type"] in _NUMBERS:
@@ -86,7 +115,9 @@ def problem_of(
             f"{message.replace('Input should be', 'must be')} (it is {_shown(detail['input'])})"
         )
     kind = _kind_of_item(schema, detail["loc"])
-    return ConfigProblem(document.place(location), f"{name}{kind}: {message}")
+    of_all = detail["type"] == "value_error"
+    where = document.origin([location]) if of_all else document.place(location)
+    return ConfigProblem(where, f"{name}{kind}: {message}")
 
 
 def _no_number(wanted: str, given: object) -> str:
@@ -206,22 +237,41 @@ def _written_keys(
     return tuple(written)
 
 
-def _unknown_key(schema: type[Section], loc: Sequence[str | int], units: Units | None) -> str:
-    known = sorted(
-        {
-            _key_of(section, name, units)
-            for section in _section_at(schema, loc[:-1])
-            for name in section.model_fields
-        }
+def _known_keys(
+    schema: type[Section], loc: Sequence[str | int], units: Units | None
+) -> dict[str, None]:
+    """Return the keys of a file that the section at a location may have, in order."""
+    keys = (
+        _key_of(section, name, units)
+        for section in _section_at(schema, loc)
+        for name in section.model_fields
     )
-    near = difflib.get_close_matches(str(loc[-1]), known, n=1)
-    if not near:
-        return f"unknown key; known keys: {', '.join(known)}"
-    (given, other), (meant, unit) = (_parted(key) for key in (str(loc[-1]), near[0]))
+    return dict.fromkeys(sorted(keys))
+
+
+def _key_at(schema: type[Section], loc: Sequence[str | int], units: Units | None) -> str:
+    """Return the key of a file for the field at a location."""
+    for section in _section_at(schema, loc[:-1]):
+        if loc[-1] in section.model_fields:
+            return _key_of(section, str(loc[-1]), units)
+    return str(loc[-1])
+
+
+def _meant(schema: type[Section], loc: Sequence[str | int], units: Units | None) -> str | None:
+    """Return the known key that an unknown one is nearest to, or None."""
+    known = _known_keys(schema, loc[:-1], units)
+    return next(iter(difflib.get_close_matches(str(loc[-1]), known, n=1)), None)
+
+
+def _unknown_key(schema: type[Section], loc: Sequence[str | int], units: Units | None) -> str:
+    near = _meant(schema, loc, units)
+    if near is None:
+        return f"unknown key; known keys: {', '.join(_known_keys(schema, loc[:-1], units))}"
+    (given, other), (meant, unit) = (_parted(key) for key in (str(loc[-1]), near))
     convert = (
         f" Its value is in {unit}: convert it" if given == meant and other and other != unit else ""
     )
-    return f"unknown key; did you mean {near[0]!r}?{convert}"
+    return f"unknown key; did you mean {near!r}?{convert}"
 
 
 def _parted(key: str) -> tuple[str, str]:

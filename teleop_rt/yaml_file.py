@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,9 @@ import yaml
 from teleop_rt.errors import ExpectedError
 
 KeyPath = tuple[str | int, ...]
+
+OVERRIDE = "--set "
+"""Beginning of the place of a value from the command line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,21 @@ class Document:
             if (found := self.places.get(path[:length])) is not None:
                 return found
         return "?"
+
+    def origin(self, paths: Sequence[KeyPath]) -> str:
+        """Return where keys that contradict each other stand: the first, and what overrides any.
+
+        A file was most likely right without what the command line gave for them or below them.
+        """
+        given = {
+            where: None
+            for key, where in self.places.items()
+            if where.startswith(OVERRIDE) and any(key[: len(path)] == path for path in paths)
+        }
+        first = self.place(paths[0])
+        if not given or first in given:
+            return first
+        return f"{', '.join(given)} (with {first})"
 
 
 MOST_BYTES = 256 * 1024

@@ -113,9 +113,28 @@ def test_all_problems_of_both_files_are_reported_at_once_with_file_line_and_key(
     assert "trial.yaml:9: operator.frequency_hz: must be less than or equal to 50" in text
     assert "rig.yaml:10: rig.limits.force_max_N: must be greater than 0" in text
     assert "rig.yaml:11: rig.axis.prot: unknown key; did you mean 'port'?" in text
-    assert "rig.axis.port: is required and missing" in text
     assert "plant.preload_m: unknown key; did you mean 'preload_N'?" in text
-    assert len(found) == 6
+    assert len(found) == 5
+
+
+def test_a_required_key_that_is_misspelt_is_reported_once(tmp_path):
+    for wrong in ("duration", "durations_s"):
+        [found] = problems_of(tmp_path, trial=TRIAL.replace("duration_s", wrong))
+        assert found == f"trial.yaml:3: {wrong}: unknown key; did you mean 'duration_s'?"
+    missing, unknown = problems_of(tmp_path, trial=TRIAL.replace("duration_s", "xyz"))
+    assert missing.endswith("duration_s: is required and missing")
+    assert "xyz: unknown key" in unknown
+
+
+def test_units_that_are_none_are_the_only_problem_reported(tmp_path):
+    [found] = problems_of(tmp_path, overrides=["rig.units=metres"])
+    assert found.startswith("--set rig.units=metres: rig.units: must be a section")
+
+
+def test_a_value_where_a_section_is_needed_is_refused_with_the_keys_of_the_section(tmp_path):
+    [found] = problems_of(tmp_path, overrides=["contact=soft"])
+    assert "contact: must be a section, with keys of " in found
+    assert "onset_force_N" in found
 
 
 def test_a_key_without_its_unit_is_reported_the_key_to_write(tmp_path):
@@ -217,14 +236,14 @@ def test_a_tag_is_refused_with_its_line(tmp_path):
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("operator.mean_m=5", "5.008 of penetration, and the rig's limits leave a range of 0.1"),
-        ("operator.start_m=0.2", "start 0.2 is outside of the rig's limits -0.05 to 0.05"),
-        ("contact.onset_force_N=95", "onset_force_N: 95.0 is not below slave.force_cap 90"),
+        ("operator.mean_m=5", "5.008 of penetration, and rig.limits leave a range of 0.1"),
+        ("operator.start_m=0.2", "start 0.2 is outside of rig.limits -0.05 to 0.05"),
+        ("contact.onset_force_N=95", "onset_force_N: 95.0 is not below slave.force_cap_N 90"),
         ("rig.sensors.force_noise_N=1", "noise would be taken for contact"),
-        ("rig.rate_hz=100", "cutoff_hz: 60 is not below a third of the rig's rate_hz 100"),
+        ("rig.rate_hz=100", "cutoff_hz: 60 is not below a third of rig.rate_hz 100"),
         (
             "slave.force_cap_N=500",
-            "slave.force_cap_N: 500.0 is above the rig's limits.force_max 120.0",
+            "slave.force_cap_N: 500.0 is above rig.limits.force_max_N 120.0",
         ),
         ("slave.retreat_after_ms=20", "retreat_after_ms must not be below hold_after_ms"),
         ("master.freeze_after_ms=3000", "declutch_after_ms must be above freeze_after_ms"),
@@ -232,8 +251,18 @@ def test_a_tag_is_refused_with_its_line(tmp_path):
 )
 def test_values_that_cannot_go_together_are_refused(tmp_path, override, message):
     [found] = problems_of(tmp_path, overrides=[override])
+    assert found.startswith(f"--set {override}")
     assert message in found
     assert "(it is" not in found
+
+
+def test_a_key_that_others_of_a_section_contradict_is_reported_with_both_places(tmp_path):
+    path = tmp_path / "trial.yaml"
+    [found] = problems_of(tmp_path, overrides=["rig.limits.force_max_N=80", "duration_s=4"])
+    line = next(n for n, text in enumerate(TRIAL.splitlines(), 1) if "force_cap_N" in text)
+    assert found.startswith(
+        f"--set rig.limits.force_max_N=80 (with {path.name}:{line}): slave.force_cap_N: 90"
+    )
 
 
 def test_each_contradiction_is_reported_at_the_line_of_its_own_key(tmp_path):
@@ -244,8 +273,10 @@ def test_each_contradiction_is_reported_at_the_line_of_its_own_key(tmp_path):
         for key in ("force_cap_N", "onset_force_N")
     ]
     assert 1 not in lines
-    assert cap.startswith(f"trial.yaml:{lines[0]}: slave.force_cap_N: 500.0 is above the rig's")
-    said = f"trial.yaml:{lines[1]}: contact.onset_force_N: 600.0 is not below slave.force_cap 500"
+    assert cap.startswith(
+        f"trial.yaml:{lines[0]}: slave.force_cap_N: 500.0 is above rig.limits.force_max_N"
+    )
+    said = f"trial.yaml:{lines[1]}: contact.onset_force_N: 600.0 is not below slave.force_cap_N 500"
     assert onset.startswith(said)
 
 
