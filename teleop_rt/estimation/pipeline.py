@@ -168,14 +168,17 @@ class Pipeline:
             )
             self._tick_sensed(position, force, valid, 0)
 
-    def on_grid(self, period_ns: int) -> Callable[[float, float, bool, int], object] | None:
-        """Return what takes a tick's sample as `update` does, with its stamp: see `SampleGrid`.
+    def at_once(
+        self, period_ns: int | None = None
+    ) -> Callable[[float, float, bool, int], object] | None:
+        """Return what takes a tick's sample as `update` does, with its stamp, by one kernel.
 
-        None where Python has a part in a tick; otherwise it is one kernel.
+        With a period it ends gaps as a `SampleGrid` finds them. None where Python has a part.
         """
         if self._terms is not None or self._corrections is not None or self._surface_motion:
             return None
-        return self._one_tick(SampleGrid(period_ns).words, sensed=False)
+        grid = _NO_GRID if period_ns is None else SampleGrid(period_ns).words
+        return self._one_tick(grid, sensed=False)
 
     def _one_tick(self, grid: NDArray[np.int64], *, sensed: bool) -> Callable[..., object]:
         """Return the kernel of a recording, bound to none: it runs one tick."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from teleop_rt.axis import Sample, sample_place
 from teleop_rt.estimation.grid import SampleGrid, gap_at
+from teleop_rt.estimation.pair_kernels import NOTHING, TO_AVERAGE
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Pipeline
 
@@ -19,7 +20,7 @@ def feed_of(pipeline: Pipeline, period_ns: int, sample: Sample) -> Feed:
     """Return how what is in a sample reaches the estimators of a loop of this period."""
     pairing = pipeline.settings.pairing(period_ns)
     if pairing is None:
-        take = pipeline.on_grid(period_ns)
+        take = pipeline.at_once(period_ns)
         if take is not None:
             return _feed_at_once(take, sample)
         return _feed_ticks(pipeline, SampleGrid(period_ns), sample)
@@ -51,18 +52,19 @@ def _feed_ticks(pipeline: Pipeline, grid: SampleGrid, sample: Sample) -> Feed:
 
 def _feed_pairs(pipeline: Pipeline, pairing: Pairing, sample: Sample) -> Feed:
     """Return the way of a slow sensor: each new force comes once, with its own position."""
+    take_sample, newest, update = pairing.taker(sample.stored), pairing.newest, pipeline.update
+    take = pipeline.at_once()
 
     def feed(ready: bool) -> None:
-        if (
-            ready
-            and sample.valid
-            and pairing.take(
-                sample.position, sample.position_stamp_ns, sample.force, sample.force_stamp_ns
-            )
-        ):
-            position, force, gap = pairing.newest()
-            if gap > 0:
-                pipeline.skip(gap)
-            pipeline.update(position, force, valid=True)
+        found = take_sample(ready)
+        if found == NOTHING or (found == TO_AVERAGE and not pairing.average()):
+            return
+        position, force, gap = newest()
+        if gap > 0:
+            pipeline.skip(gap)
+        if take is not None:
+            take(position, force, True, 0)  # noqa: FBT003 - a kernel's arguments have no names
+        else:
+            update(position, force, valid=True)
 
     return feed

@@ -76,7 +76,7 @@ def test_on_line_and_replayed_a_recording_with_gaps_gives_the_same_numbers():
     valid[500:503] = False
     online, replayed = (Pipeline(rows_for(["kelvin-voigt"], ["direct"], ["rls"]), SETTINGS)
                         for _ in range(2))  # fmt: skip
-    take = online.on_grid(PERIOD_NS)
+    take = online.at_once(PERIOD_NS)
     for x, f, ok, stamp in zip(position, force, valid, stamps, strict=True):
         take(x, f, bool(ok), int(stamp))
     replayed.run(*with_gaps(position, force, valid, stamps, PERIOD_NS))

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from teleop_rt.axis import Sample
+from teleop_rt.estimation.pair_kernels import PAIR
 from teleop_rt.estimation.pairing import EvenPairing, Pairing, pairs_of
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.recorded import estimated_samples
@@ -52,6 +54,24 @@ def test_each_force_meets_the_position_of_its_own_time_once(lag_ms, jitter):
         assert stamp_ns == pytest.approx(force_ns - 1e6 * lag_ms, abs=1)
         assert position == pytest.approx(position_at(force_ns - 1e6 * lag_ms), abs=1e-9)
         assert gap == 0
+
+
+@pytest.mark.parametrize("kind", [Pairing, EvenPairing])
+def test_a_cycle_s_sample_is_taken_as_its_values_are_and_only_where_it_is_ready_and_valid(kind):
+    by_values, by_sample = kind(LOOP_NS, PAIR_NS, 0.004), kind(LOOP_NS, PAIR_NS, 0.004)
+    sample = Sample()
+    take, met = by_sample.taker(sample.stored), []
+    for cycle in range(600):
+        now_ns = 10**9 + cycle * LOOP_NS
+        sample.position, sample.position_stamp_ns = curved_at(now_ns), now_ns
+        sample.force, sample.force_stamp_ns = float(cycle % 7), now_ns - now_ns % PAIR_NS
+        sample.valid, ready = cycle % 11 != 0, cycle % 13 != 0
+        values = sample.position, now_ns, sample.force, sample.force_stamp_ns
+        wanted = ready and sample.valid and by_values.take(*values)
+        assert (take(ready) == PAIR) == wanted
+        assert by_sample.newest() == by_values.newest()
+        met.append(wanted)
+    assert 50 < sum(met) < 100
 
 
 def test_a_force_that_leads_waits_for_its_position():
