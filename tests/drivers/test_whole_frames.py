@@ -71,7 +71,7 @@ class Listener:
         # By which way a frame came shows nowhere else: the values are the same.
         assert self.parser._whole is not None
         if not kernels:
-            self.parser._whole = None
+            self.parser._whole = self.parser.read = None
 
     def news(self) -> tuple[object, ...]:
         """Return what was heard since the last call, and what has come of all that was."""
@@ -185,6 +185,12 @@ def test_numbers_of_64_bits_are_left_to_the_parser():
     assert heard == [2**64 - 1]
 
 
+def received(parser: BinaryParser, descriptor: int, empty_ns: int = 0, now_ns: int = MS) -> int:
+    """Return how many bytes a parser reads and takes."""
+    assert parser.read is not None
+    return parser.take_read(parser.read(descriptor, False, empty_ns, now_ns))  # noqa: FBT003
+
+
 def test_a_line_is_read_until_it_is_gone():
     format_ = FORMATS["crc8 big"]
     listener, packer = Listener(format_, kernels=True), BinaryPacker(format_)
@@ -192,22 +198,37 @@ def test_a_line_is_read_until_it_is_gone():
     os.set_blocking(near, False)
     try:
         frames = [packer.pack([0.0] * len(TYPES)) for _ in range(3)]
-        assert listener.parser.receive(near, MS) == 0
+        assert received(listener.parser, near) == 0
         os.write(far, frames[0])
-        assert listener.parser.receive(near, MS) == len(frames[0])
+        assert received(listener.parser, near) == len(frames[0])
         os.write(far, frames[1] + frames[2][:5])
-        assert listener.parser.receive(near, MS) == len(frames[0]) + 5
-        assert listener.parser.receive(near, MS) is None  # the parser holds what has begun
+        assert received(listener.parser, near) == len(frames[0]) + 5
+        assert listener.parser.read is None  # the parser holds what has begun
         listener.parser.feed(frames[2][5:], MS)
         assert listener.counters["frames"] == 3
         assert listener.counters["gaps"] == 0
     finally:
         os.close(far)
     with pytest.raises(StreamGoneError, match="Broken pipe"):
-        listener.parser.receive(near, MS)
+        received(listener.parser, near)
     os.close(near)
     with pytest.raises(StreamGoneError, match="Bad file descriptor"):
-        listener.parser.receive(near, MS)
+        received(listener.parser, near)
+
+
+@pytest.mark.parametrize("empty_ns", [0, 3 * MS])
+def test_what_is_read_arrived_half_way_since_the_line_was_empty_if_it_is_watched(empty_ns):
+    format_ = FORMATS["crc8 big"]
+    listener, packer = Listener(format_, kernels=True), BinaryPacker(format_)
+    near, far = os.pipe()
+    os.set_blocking(near, False)
+    os.write(far, packer.pack([0.0] * len(TYPES)))
+    received(listener.parser, near, empty_ns, 5 * MS)
+    assert [arrived_ns for _, arrived_ns in listener.heard] == [4 * MS if empty_ns else 5 * MS]
+    listener.signal.settle(5 * MS)
+    assert listener.signal.stamp_ns == listener.heard[0][1]
+    os.close(near)
+    os.close(far)
 
 
 @pytest.mark.parametrize("held", [0, 3])

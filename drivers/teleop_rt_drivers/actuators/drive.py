@@ -5,17 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
+from teleop_rt_drivers.quantity import Scale
 
 if TYPE_CHECKING:
     from teleop_rt.axis import Sample
     from teleop_rt_drivers.actuators.part import ActuatorPart
     from teleop_rt_drivers.actuators.port import ActuatorPort
     from teleop_rt_drivers.framed.source import Values
-    from teleop_rt_drivers.quantity import Scale
 
 
 class ActuatorDrive(FramedDrive):
-    """A drive that takes positions and says its torque."""
+    """A drive that takes positions, in its own unit and not rounded, and says its torque."""
+
+    _as_sent = staticmethod(Scale.raw)
 
     def __init__(
         self,
@@ -47,13 +49,11 @@ class ActuatorDrive(FramedDrive):
         """The drive's own description of its fault."""
         return self._speaker.complaint
 
-    def as_sent(self, target: float) -> float:
-        """Return a target in the drive's own unit, not rounded."""
-        return self._target_scale.raw(target)
-
 
 class ActuatorForceDrive(ForceDrive):
-    """The same drive in an operator's device: it takes forces, and its torque is what it says."""
+    """The same drive in an operator's device: it takes torques [Nm], and says its own."""
+
+    _as_sent = staticmethod(Scale.raw)
 
     def __init__(
         self,
@@ -69,7 +69,3 @@ class ActuatorForceDrive(ForceDrive):
     def complaint(self) -> str:
         """The drive's own description of its fault."""
         return self._speaker.complaint
-
-    def as_sent(self, target: float) -> float:
-        """Return a torque [Nm], not rounded."""
-        return self._target_scale.raw(target)

@@ -26,6 +26,8 @@ from teleop_rt_drivers.framed.whole_frame import (
 from teleop_rt_drivers.framed.written_frame import FrameWriter
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from teleop_rt_drivers.framed.format import BinaryFormat
@@ -79,7 +81,8 @@ class FrameCounter:
 class BinaryParser:
     """Finds the frames of a stream; after a bad one it looks again from the next byte on.
 
-    A frame that comes whole and alone is taken by kernels, where numbers of 64 bits hold it.
+    A frame that comes whole and alone is taken by kernels, where numbers of 64 bits hold it. `read`
+    is the one that reads it, too; None where that is not to be read by a kernel which comes next.
     """
 
     def __init__(self, frame: BinaryFormat, source: Source, counters: dict[str, int]) -> None:
@@ -87,6 +90,7 @@ class BinaryParser:
         self._source = source
         self._counters = counters
         self._whole: WholeFrames | None = None
+        self.read: Callable[[int, bool, int, int], int] | None = None
         self._sync = bytes.fromhex(frame.sync)
         self._end = bytes.fromhex(frame.end)
         self._struct = struct.Struct(frame.layout)
@@ -115,24 +119,27 @@ class BinaryParser:
         if self._whole is None and is_exact(self._format, self._source):
             last = np.zeros(1, np.int64) if self._counter is None else self._counter.newest
             self._whole = WholeFrames(self._format, self._source, last)
+        self._choose_reader()
 
-    def receive(self, descriptor: int, now_ns: int, *, is_terminal: bool = False) -> int | None:
-        """Read what waits at a descriptor and take it; return how many bytes that was.
-
-        Nothing is read and None is returned where the caller is to read. Raises StreamGoneError.
-        """
+    def _choose_reader(self) -> None:
+        """Let a kernel read what comes next, unless a frame has begun."""
         whole = self._whole
-        if whole is None or self._pending:
-            return None
-        found = whole.read(descriptor, is_terminal, now_ns)
-        if found == NOTHING:
+        self.read = None if whole is None or self._pending else whole.read
+
+    def take_read(self, found: int) -> int:
+        """Take what `read` has found; return how many bytes that was. Raises StreamGoneError."""
+        whole = self._whole
+        if whole is None or found == NOTHING:
             return 0
         if found != OTHER:
-            self._hand_on(whole, found, now_ns)
+            if found != FINE or self._source.others:
+                self._hand_on(whole, found, whole.arrived_ns)
+            else:  # nearly always
+                self._counters["frames"] += 1
             return self._size
         if (received := whole.received) < 0:
             raise StreamGoneError(os.strerror(-received))
-        self._find(whole.data(), now_ns)
+        self._find(whole.data(), whole.arrived_ns)
         return received
 
     def feed(self, data: bytes, now_ns: int) -> None:
@@ -176,6 +183,7 @@ class BinaryParser:
                 self._deliver(frame, now_ns)
                 at += size
         self._pending = buffer[at:]
+        self._choose_reader()
 
     def _problem(self, frame: bytes) -> str:
         """Return by which counter a frame's end bytes or checksum are wrong, "" where they fit."""

@@ -5,13 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from teleop_rt.axis import sample_place
 from teleop_rt_drivers.drive_intent import ARMING, IDLE, POWERING, RUNNING, STOPPED
+from teleop_rt_drivers.quantity import Scale
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from teleop_rt.axis import Sample
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import FramedPort, Source, Values
-    from teleop_rt_drivers.quantity import Scale
+
+_ENABLED, _POSITION = sample_place("enabled"), sample_place("drive_position")
+_HAS_POSITION, _HAS_FORCE = map(sample_place, ("has_drive_position", "has_drive_force"))
 
 
 class FramedDrive:
@@ -22,6 +28,9 @@ class FramedDrive:
     it is `enabled`, following by a recent report of its own, and whether it is `silent`, for longer
     than its timeout.
     """
+
+    _as_sent: Callable[[Scale, float], float] = staticmethod(Scale.counts)
+    """How the command carries a target [rig unit]."""
 
     def __init__(
         self,
@@ -38,6 +47,7 @@ class FramedDrive:
         self.name = answer.name
         self.lost = f"drive ({answer.name}): silent for more than {config.timeout_ms} ms"
         self._config = config
+        self._command = config.command
         self._states, self._controls = config.states, config.controls
         self._port = port
         self._target_scale, self._actual_scale = scale
@@ -103,8 +113,9 @@ class FramedDrive:
 
     def fill(self, sample: Sample) -> None:
         """Write what the drive reports: its state, and the position that it measures [rig unit]."""
-        sample.enabled = self.enabled
-        sample.drive_position, sample.drive_force = self._actual, None
+        counts = sample.counts  # without a call for each number
+        counts[_ENABLED], counts[_HAS_POSITION], counts[_HAS_FORCE] = self.enabled, True, False
+        sample.floats[_POSITION] = self._actual
 
     def command(self, position: float) -> None:
         """Send the command for a position [rig unit]; one that is no number repeats the last."""
@@ -151,14 +162,10 @@ class FramedDrive:
         """The drive's own description of its fault, in words; empty if it gives none."""
         return ""
 
-    def as_sent(self, target: float) -> float:
-        """Return a target [rig unit] as the command carries it: in counts."""
-        return self._target_scale.counts(target)
-
     def _send(self, control: int) -> None:
         self._fields[self._control_slot] = control
-        self._fields[self._target_slot] = self.as_sent(self._target)
-        self._port.send(self._config.command, self._fields)
+        self._fields[self._target_slot] = self._as_sent(self._target_scale, self._target)
+        self._port.send(self._command, self._fields)
 
 
 class ForceDrive(FramedDrive):

@@ -17,6 +17,7 @@ from teleop_rt_drivers.framed.stream import (
     arrived_between,
 )
 from teleop_rt_drivers.framed.text import TextParser, text_fields
+from teleop_rt_drivers.framed.whole_frame import NOTHING
 from teleop_rt_drivers.framed.written_frame import NO_WORD
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ class SerialPort:
 
     def drain(self, now_ns: int) -> None:
         """Decode all that has arrived, and ask for the next where the device waits for it."""
-        stream = self._stream
+        stream, binary = self._stream, self._binary
         if stream is None or self.fault is not NO_AXIS_FAULT:
             return
         if stream.kept:
@@ -100,7 +101,13 @@ class SerialPort:
                 self._parser.feed(data, arrived_ns)
             stream.kept.clear()
         try:
-            if self._receive(stream, now_ns) >= READ_BYTES:
+            if binary is None or self.descriptor < 0 or (read := binary.read) is None:
+                received = self._receive(stream, now_ns)
+            else:  # nearly always, and so with few calls
+                found = read(self.descriptor, self.is_terminal, self.empty_ns, now_ns)
+                self.empty_ns = now_ns if self.empty_ns else 0
+                received = binary.take_read(found) if found != NOTHING else 0
+            if received >= READ_BYTES:
                 self._receive_more(stream, now_ns)
         except StreamGoneError:
             self.fault = AxisFault.UNPLUGGED
@@ -115,15 +122,12 @@ class SerialPort:
 
     def _receive(self, stream: ByteStream, now_ns: int) -> int:
         """Read and decode once; return how many bytes that was."""
-        arrived_ns = now_ns
-        if self.empty_ns:
-            arrived_ns, self.empty_ns = arrived_between(self.empty_ns, now_ns), now_ns
-        if self._binary is not None and self.descriptor >= 0:
-            received = self._binary.receive(
-                self.descriptor, arrived_ns, is_terminal=self.is_terminal
-            )
-            if received is not None:  # nearly always
-                return received
+        binary, empty_ns = self._binary, self.empty_ns
+        self.empty_ns = now_ns if empty_ns else 0
+        if binary is not None and self.descriptor >= 0 and binary.read is not None:
+            found = binary.read(self.descriptor, self.is_terminal, empty_ns, now_ns)
+            return binary.take_read(found)
+        arrived_ns = arrived_between(empty_ns, now_ns)
         data = stream.read()
         if data:
             self._parser.feed(data, stream.arrived_ns or arrived_ns)

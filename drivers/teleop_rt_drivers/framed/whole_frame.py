@@ -41,7 +41,7 @@ _CODE_BITS, _CODE = 4, 0xF
 
 
 class FrameFields:
-    """Fields of a frame's description, and how many bytes were `received` last.
+    """Fields of a frame's description; how many bytes were `received` last, and when they arrived.
 
     That is minus the number of an error where the line is gone.
     """
@@ -57,10 +57,11 @@ class FrameFields:
     values: int
     place: int
     received: int
+    arrived_ns: int
 
 
 _FRAME = record_type(FrameFields)
-_RECEIVED = list(FrameFields.__annotations__).index("received")
+_RECEIVED, _ARRIVED = map(list(FrameFields.__annotations__).index, ("received", "arrived_ns"))
 Frames = NDArray[np.record]
 Places = NDArray[np.int64]
 Numbers = NDArray[np.float64]
@@ -170,13 +171,16 @@ def take_read(
     memory: Bytes,
     descriptor: int,
     is_terminal: bool,
+    empty_ns: int,
     now_ns: int,
 ) -> int:
     """Read what waits at a descriptor into the memory and take it as `take_whole` does.
 
+    It arrived half way since the line was seen to be empty, if it is watched: else `empty_ns` is 0.
     Where nothing waits, NOTHING is returned; OTHER, too, where the line is gone.
     """
     frame: Any = frames[0]
+    frame.arrived_ns = (empty_ns + now_ns) // 2 if empty_ns > 0 else now_ns
     if is_terminal:
         frame.received = read_delivered(descriptor, memory, frame.place)
     else:
@@ -185,7 +189,7 @@ def take_read(
         return NOTHING if frame.received == 0 else OTHER
     return take_whole(
         frames, check, table, sync, end, places, last, numbers, values, clocks, memory,
-        frame.received, now_ns,
+        frame.received, frame.arrived_ns,
     )  # fmt: skip
 
 
@@ -223,13 +227,18 @@ class WholeFrames:
         self.numbers, self._memory = numbers.data, memory.data
         arrays = (*description, last, numbers, source.values, source.clocks)
         self.take = bound(take_whole, arrays, b"", 0, 0)
-        self.read = bound(take_read, (*arrays, memory), 0, True, 0)  # noqa: FBT003
-        self._counts = stored.view(np.int64).data[_RECEIVED:]
+        self.read = bound(take_read, (*arrays, memory), 0, True, 0, 0)  # noqa: FBT003
+        self._counts = stored.view(np.int64).data
 
     @property
     def received(self) -> int:
         """How many bytes `read` received, minus an error's number where the line is gone."""
-        return self._counts[0]
+        return self._counts[_RECEIVED]
+
+    @property
+    def arrived_ns(self) -> int:
+        """When what `read` received arrived."""
+        return self._counts[_ARRIVED]
 
     def data(self) -> bytes:
         """Return what `read` received."""
