@@ -77,7 +77,9 @@ DARK = Palette(
     attention=ORANGE,
     bad="#FF8A3D",
 )
-_RAISED = {"2": "²", "3": "³", "n": "ⁿ", "(n+1)": "ⁿ⁺¹"}
+_RAISED = str.maketrans("0123456789+npower", "⁰¹²³⁴⁵⁶⁷⁸⁹⁺ⁿᵖᵒʷᵉʳ")
+_EXPONENT = re.compile(r"\^(?:\((\w+\+1)\)|(n|\d+)(?![\d.]))")
+"""A name and one in brackets, a name, or a whole number; no point can be raised."""
 MEASURED, PREDICTED, RENDERED = "measured (slave)", "predicted (model)", "rendered (master)"
 RAW, FILTERED = "measured, raw", "measured, filtered as the estimators see it"
 TRUE_FORCE, FELT = "true environment", "felt (rendered by the master)"
@@ -218,7 +220,7 @@ def _step(size: float, steps: Sequence[tuple[float, str]]) -> tuple[float, str]:
 
 def printed(unit: str) -> str:
     """Return a unit as print has it: `N s^(n+1)` with the exponent raised."""
-    return re.sub(r"\^(\(n\+1\)|n|[23])", lambda found: _RAISED[found.group(1)], unit)
+    return _EXPONENT.sub(lambda found: (found[1] or found[2]).translate(_RAISED), unit)
 
 
 def parameter(name: str, content: Any) -> str:
@@ -244,7 +246,9 @@ def in_words(effect: Mapping[str, Any]) -> str:
     """Return the sentence of an effect that was found, with its figures."""
     shown = {key: in_shown_unit(p) for key, p in effect["parameters"].items()}
     figures = {
-        key: "–" if p["value"] is None else f"{p['value']:.4g} {p['unit']}".removesuffix(" 1")
+        key: "–"
+        if p["value"] is None
+        else f"{p['value']:.4g} {printed(p['unit'])}".removesuffix(" 1")
         for key, p in shown.items()
     }
     return str(effect["sentence"]).format(**figures)

@@ -4,7 +4,7 @@ import pytest
 
 from teleop_rt.view.quantities import parameter_unit, small_position
 from teleop_rt.view.run_folder import selected_row
-from teleop_rt.view.style import in_words, method_name, parameter
+from teleop_rt.view.style import in_words, method_name, parameter, printed
 
 
 @pytest.mark.parametrize(
@@ -19,6 +19,20 @@ from teleop_rt.view.style import in_words, method_name, parameter
 )
 def test_a_parameter_is_shown_with_the_unit_of_the_rig(model, name, units, shown):
     assert parameter_unit(model, name, *units) == shown
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown"),
+    [
+        ("N s/m^(power+1)", "N s/mᵖᵒʷᵉʳ⁺¹"),
+        ("N/m^(n+1)", "N/mⁿ⁺¹"),
+        ("N/m^n", "N/mⁿ"),
+        ("N s^2/m^4", "N s²/m⁴"),
+        ("N/m^2.5", "N/m^2.5"),  # a point cannot be raised
+    ],
+)
+def test_an_exponent_is_raised_where_it_can_be(unit, shown):
+    assert printed(unit) == shown
 
 
 def test_an_effect_beside_a_model_has_its_own_unit():
