@@ -130,7 +130,7 @@ app = LazyGroup(
         "runs": LazyCommand(
             "teleop_rt.cli.showing:runs",
             "List the runs of a folder, the newest first: "
-            "date, trial, verdict, k, b and felt error.",
+            "date, trial, verdict, model and felt error.",
             panel=_RECORDINGS,
         ),
         "live": LazyCommand(

@@ -83,7 +83,7 @@ def runs(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="print one line of JSON per run")] = False,
 ) -> None:
-    """List the runs of a folder, the newest first: date, trial, verdict, k, b and felt error."""
+    """List the runs of a folder, the newest first: date, trial, verdict, model and felt error."""
     with bar("reading the runs", counts=False):
         from teleop_rt.view.console import output  # noqa: PLC0415 - as below
         from teleop_rt.view.runs import print_runs, runs_of  # noqa: PLC0415 - loads estimators

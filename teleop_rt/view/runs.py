@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console, JustifyMethod
+from rich.console import Console
 from rich.table import Table
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
 from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_safety, worst
 from teleop_rt.trial.summary_file import read_summary
-from teleop_rt.view.style import model_name, number
+from teleop_rt.view.style import model_name, parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +27,7 @@ class Listed:
     grade: Grade
     ended: str
     model: str | None = None
-    stiffness: float | None = None
-    damping: float | None = None
+    parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
     felt_nrmse: float | None = None
 
 
@@ -73,7 +72,6 @@ def _of_one_side(folder: Path, summary: dict[str, Any]) -> Listed:
 def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
     fault = summary["safety"]["fault"]["name"]
     chosen = summary["selected"] or {}
-    values = {name: one["value"] for name, one in chosen.get("parameters", {}).items()}
     return Listed(
         folder=str(folder),
         began_at=summary.get("began_at") or began_at(folder),
@@ -81,18 +79,24 @@ def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
         grade=worst(grades(summary).values()),
         ended=str(summary["safety"]["state"]) if fault == "none" else str(fault),
         model=chosen.get("model"),
-        stiffness=values.get("k"),
-        damping=values.get("b"),
+        parameters={
+            name: {key: one[key] for key in ("value", "std", "unit")}
+            for name, one in chosen.get("parameters", {}).items()
+        },
         felt_nrmse=summary["master"]["nrmse"],
     )
+
+
+def _figure(name: str, content: dict[str, Any]) -> str:
+    """Return a parameter with its unit; how sure it is, the run's own summary prints."""
+    return parameter(name, content | {"std": None})
 
 
 def print_runs(console: Console, runs: Iterable[Listed]) -> None:
     """Print runs as a table, a line each."""
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("", "began", "trial", "ended", "model", "k", "b", "felt error", "folder"):
-        justify: JustifyMethod = "right" if heading in {"k", "b"} else "left"
-        table.add_column(heading, justify=justify, overflow="fold")  # a cut name names nothing
+    for heading in ("", "began", "trial", "ended", "model", "parameters", "felt error", "folder"):
+        table.add_column(heading, overflow="fold")  # a cut name names nothing
     for run in runs:
         felt = "–" if run.felt_nrmse is None else f"{100.0 * run.felt_nrmse:.2g} %"
         table.add_row(
@@ -101,8 +105,7 @@ def print_runs(console: Console, runs: Iterable[Listed]) -> None:
             run.trial or "–",
             run.ended.replace("_", " "),
             "–" if run.model is None else model_name(run.model),
-            number(run.stiffness),
-            number(run.damping),
+            ", ".join(_figure(name, one) for name, one in run.parameters.items()) or "–",
             felt,
             run.folder,
         )

@@ -421,7 +421,10 @@ def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call
     )
     (row,) = (json.loads(line) for line in call("runs", good, "--json")[1].splitlines())
     selected = json.loads((good / "summary.json").read_text())["selected"]
-    assert row["stiffness"] == selected["parameters"]["k"]["value"]
+    found = selected["parameters"]["k"]
+    assert row["parameters"]["k"] == {key: found[key] for key in ("value", "std", "unit")}
+    line = next(line for line in text.splitlines() if "✓" in line)
+    assert f"k = {found['value']:.5g} N/m, b = " in line
     assert (
         call("runs", runs, "--trial", "other")[1] == f"no runs of this trial or grade in {runs}\n"
     )
