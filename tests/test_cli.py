@@ -31,7 +31,9 @@ def test_a_simulated_run_writes_its_folder_and_prints_one_json_object(call, tmp_
     code, out, err = call(
         "run", SILICONE, "--clock", "simulated", "--duration", 2, "--json", "--out", "here"
     )
-    assert (code, err) == (0, "")
+    assert code == 0
+    phases = ["silicone_cube: starting", "reading the recording", "writing the report"]
+    assert err.splitlines() == [f"{phase} ..." for phase in phases]
     summary = json.loads(out)
     assert summary == json.loads((tmp_path / "here" / "summary.json").read_text())
     table = README.read_text().partition("| file | what is in it |")[2].partition("\n\n")[0]

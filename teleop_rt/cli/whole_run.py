@@ -175,7 +175,8 @@ def _run(
         if outcome["interrupted"]:
             print("interrupted: the axis is off; writing summary and report", file=sys.stderr)
         reference = environment_force if trial.plant is not None else None
-        with bar("reading the recording", counts=False) as shown:
+        with bar("", counts=False, lines=True) as shown:
+            shown.phase("reading the recording")
             summary = summarise(folder, trial, outcome, reference)
             shown.phase("writing the report")
             try:

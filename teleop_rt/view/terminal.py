@@ -25,6 +25,8 @@ _RENEW_S = 0.25
 """Between two renewals of the line on a terminal."""
 _LINE_EVERY_S = 5.0
 """Between two lines where the output is no terminal."""
+_OF_CONTACT = 3
+"""State, force and model stand on the first of two plain lines; loop, link and a fault follow."""
 _WINDOW_S = 1.0
 """Time over which the line's figures are taken."""
 
@@ -33,8 +35,8 @@ class RunView:
     """Shows state, force, parameters and link of this process's run while it goes.
 
     Call it with the seconds run so far. On a terminal it redraws at most four times a second;
-    elsewhere it writes a line per five seconds of the trial. It reads the rings as any reader
-    does, so the loop does not know of it.
+    elsewhere it prints that the trial starts, and two lines per five seconds of it. It reads the
+    rings as any reader does, so the loop does not know of it.
     """
 
     def __init__(self, console: Console, name: str, duration_s: float) -> None:
@@ -45,9 +47,12 @@ class RunView:
         self._next_line_s = _LINE_EVERY_S
 
     def __enter__(self) -> RunView:
-        """Begin to show."""
+        """Begin to show, at once: kernels, devices and link take seconds until the first tick."""
         if self._console.is_terminal:
             self._live.start()
+            self._live.update(self._glance(0.0), refresh=True)
+        else:
+            self._console.print(f"{self._name}: starting ...", soft_wrap=True)
         return self
 
     def __exit__(
@@ -71,7 +76,9 @@ class RunView:
             self._next_line_s += _LINE_EVERY_S
             self._take()
             parts = [text for _, _, text in glance(self._feed)]
-            self._console.print(f"{seconds:6.1f} s  " + "  ".join(parts), soft_wrap=True)
+            contact, machine = "  ".join(parts[:_OF_CONTACT]), "  ".join(parts[_OF_CONTACT:])
+            second = f"\n{'':10}{machine}" if machine else ""
+            self._console.print(f"{seconds:6.1f} s  {contact}{second}", soft_wrap=True)
 
     def _take(self) -> None:
         self._feed.poll()

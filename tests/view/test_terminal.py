@@ -23,15 +23,17 @@ def shown_by(folder, duration_s, **options):
     return text.getvalue()
 
 
-def test_elsewhere_than_on_a_terminal_a_plain_line_shows_state_force_model_and_link(tmp_path):
-    (line,) = shown_by(tmp_path / "plain", 5.1).splitlines()
+def test_elsewhere_than_on_a_terminal_two_plain_lines_show_state_force_model_and_link(tmp_path):
+    start, line, machine = shown_by(tmp_path / "plain", 5.1).splitlines()
+    assert start == "silicone_cube: starting ..."
     assert line.startswith("   5.0 s  RUN  ")
     assert " N at " in line
     assert "in contact" in line
     assert re.search(r"Kelvin-Voigt, k = 3[\d.]+ ± [\d.]+ N/m, b = ", line)
-    assert "  1000 Hz, 0 of the last" in line
-    assert "ms one way" in line
-    assert "\x1b" not in line
+    assert "  1000 Hz, 0 of the last" in machine
+    assert "ms one way" in machine
+    assert max(map(len, (line, machine))) < 120
+    assert "\x1b" not in line + machine
 
 
 def test_a_blackout_is_reported_on_the_terminal_in_the_summary_and_in_the_log(tmp_path):
@@ -41,7 +43,7 @@ def test_a_blackout_is_reported_on_the_terminal_in_the_summary_and_in_the_log(tm
     folder.mkdir()
     with RunView(Console(file=text, width=300), trial.name, trial.duration_s) as view:
         outcome = run_lockstep(trial, SILICONE, open_bench, folder, view)
-    (line,) = text.getvalue().splitlines()
+    line = text.getvalue().splitlines()[-1]
     assert "link: declutched" in line or "declutched, nothing accepted for" in line
     assert "% lost" in line
     assert re.search(r"2 freezes, 1 declutch\b", line)
