@@ -102,7 +102,7 @@ def test_the_path_to_a_tick_is_printed_for_whoever_asks_and_written(monkeypatch,
     assert lines[0].split()[:2] == ["run", "cli/running.py"]
     assert lines[-1].split()[:2] == ["Slave.cycle", "slave/slave.py"]
     assert lines[-1].endswith(
-        "_take_in, _decide, _advance_zeros, _hold_clock, _act, _note_fault, _write_row"
+        "_sense, _decide, _advance_zeros, _hold_clock, _act, _note_fault, _write_row"
     ), "also a kernel that the object holds, where the decisions are made"
 
 

@@ -40,7 +40,7 @@ from teleop_rt.link.outgoing import Outgoing
 from teleop_rt.link.packet_kernels import load_kernels
 from teleop_rt.link.peer_clock import PeerClock
 from teleop_rt.link.session import NOT_AUTHENTIC, ReplayWindow, Session
-from teleop_rt.link.sessions import Sessions
+from teleop_rt.link.sessions import RECONNECT_AFTER_NS, Sessions
 from teleop_rt.link.statistics import SENT, Statistics
 from teleop_rt.link.transport import Address, Transport, UdpTransport
 from teleop_rt.link.troubles import (
@@ -165,7 +165,9 @@ class Endpoint(Mailbox):
 
         A session that nobody answers any more, as after a reload without this key, is none.
         """
-        if self.sessions.stands(now_ns):
+        sessions = self.sessions
+        is_recent = now_ns - sessions.accepted_ns <= RECONNECT_AFTER_NS  # nearly always
+        if (is_recent and sessions.current is not None) or sessions.stands(now_ns):
             return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
         silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
         return self._refusal() or (NOTHING_TROUBLE if silent else 0)
@@ -189,7 +191,13 @@ class Endpoint(Mailbox):
         if udp is None or door is None or session is None or not udp.is_empty:
             self._poll_transport(now_ns)
         elif length := self._receive_expected(udp.name, session.signed_id, self._kinds):
-            self._open_expected(session, door, length, now_ns)  # nearly always
+            sealed = door.newest if length == door.length else door.sealed(length)  # nearly always
+            try:
+                body = session.incoming.aead.decrypt(door.nonce, sealed, door.clear)
+            except InvalidTag:
+                self.statistics.reject(NOT_AUTHENTIC)
+            else:
+                self._take_expected(session, body, now_ns)
         elif (count := door.received) > 0:
             udp.take_up(count)
             self._poll_transport(now_ns)
@@ -249,7 +257,11 @@ class Endpoint(Mailbox):
         if outgoing is None:
             self._send(session, kind, body, now_ns)
         else:
-            outgoing.send(session, kind, body, now_ns)
+            session.sequence = sequence = session.sequence + 1  # each is used once
+            outgoing.write_head(kind, session.signed_id, sequence, now_ns)
+            sealed = session.outgoing.aead.encrypt(outgoing.nonce, body, outgoing.clear)
+            if not outgoing.send_sealed(sealed):
+                self.transport.send(bytes(outgoing.clear) + sealed)
         self._sent[0] += 1
 
     def close(self) -> None:
@@ -291,16 +303,6 @@ class Endpoint(Mailbox):
             self._hello_due_ns = now_ns
         else:
             raise MessageError("kind")
-
-    def _open_expected(self, session: Session, door: PacketDoor, length: int, now_ns: int) -> None:
-        """Open the packet that a kernel received and expects, as nearly all are."""
-        try:
-            sealed = door.sealed(length)
-            body = session.incoming.aead.decrypt(door.nonce, sealed, door.clear)
-        except InvalidTag:
-            self.statistics.reject(NOT_AUTHENTIC)
-        else:
-            self._take_expected(session, body, now_ns)
 
     def _try_expected(self, session: Session, packet: Body, now_ns: int) -> None:
         """Open a packet that is expected, and take it in."""

@@ -44,7 +44,7 @@ class PacketDoor:
     """A socket that receives into `packets`, for kernels: `arrays`, and `door` by name.
 
     Of the packet that was received first `clear` is the header, and `nonce` that of its number if
-    it was expected.
+    it was expected. What follows the header is `newest`, if it has this `length`.
     """
 
     def __init__(self, packets: Packets, descriptor: int) -> None:
@@ -53,8 +53,8 @@ class PacketDoor:
         self.door.descriptor, self.door.headers = descriptor, packets.headers
         self.door.most = packets.most
         self.clear = packets.memory[:HEADER_BYTES]
-        self._memory, self._sealed = packets.memory, packets.memory[HEADER_BYTES:]
-        self._length = len(packets.memory)
+        self._memory, self.newest = packets.memory, packets.memory[HEADER_BYTES:]
+        self.length = len(packets.memory)
         nonce = np.zeros(NONCE_BYTES, np.uint8)
         self.nonce = nonce.data
         memory = np.frombuffer(packets.memory, np.uint8)
@@ -68,10 +68,9 @@ class PacketDoor:
         return self._words[_RECEIVED]
 
     def sealed(self, length: int) -> memoryview:
-        """Return what follows the header in the first packet, which is of this length."""
-        if length != self._length:  # seldom: nearly all have one length
-            self._length, self._sealed = length, self._memory[HEADER_BYTES:length]
-        return self._sealed
+        """Return what follows the header in the first packet, which is of another length."""
+        self.length, self.newest = length, self._memory[HEADER_BYTES:length]
+        return self.newest
 
 
 @kernel

@@ -16,9 +16,6 @@ from teleop_rt.link.transport import MAX_DATAGRAM
 from teleop_rt.realtime.system_calls import send_bytes_to
 
 if TYPE_CHECKING:
-    from teleop_rt.link.messages import Kind
-    from teleop_rt.link.noise import Body
-    from teleop_rt.link.session import Session
     from teleop_rt.link.transport import UdpTransport
 
     Whole = NDArray[np.int64]
@@ -42,28 +39,22 @@ StoredOutgoing = NDArray[np.record]
 
 
 class Outgoing:
-    """Sends packets over a socket from an end whose words are `link`; there is room for one."""
+    """A packet to be sent over a socket from an end whose words are `link`.
+
+    `write_head` writes its header, `clear`, and its `nonce`; `send_sealed` sends it with a body.
+    """
 
     def __init__(self, udp: UdpTransport, link: Whole) -> None:
         packet, nonce = np.zeros(MAX_DATAGRAM, np.uint8), np.zeros(NONCE_BYTES, np.uint8)
         packet[: codec.VERSION_AT] = np.frombuffer(codec.MAGIC, np.uint8)
         packet[codec.VERSION_AT] = codec.VERSION
-        self._clear, self._nonce = packet.data[:_HEADER_BYTES], nonce.data
-        self._udp = udp
+        self.clear, self.nonce = packet.data[:_HEADER_BYTES], nonce.data
         stored: StoredOutgoing = np.zeros(1, _OUTGOING)
         fields = cast("OutgoingFields", stored[0])
         fields.descriptor, fields.packet = udp.descriptor, packet.ctypes.data
         fields.name = udp.peer_name.ctypes.data
-        self._write_head = bound(write_head, (packet, nonce, link), 0, 0, 0, 0)
-        self._send_sealed = bound(send_sealed, (stored, packet, udp.peer_name), b"")
-
-    def send(self, session: Session, kind: Kind, body: Body, now_ns: int) -> None:
-        """Seal a body with the keys of a session and send it; what cannot be sent is lost."""
-        session.sequence = sequence = session.sequence + 1  # each is used once
-        self._write_head(kind, session.signed_id, sequence, now_ns)
-        sealed = session.outgoing.aead.encrypt(self._nonce, body, self._clear)
-        if not self._send_sealed(sealed):
-            self._udp.send(bytes(self._clear) + sealed)
+        self.write_head = bound(write_head, (packet, nonce, link), 0, 0, 0, 0)
+        self.send_sealed = bound(send_sealed, (stored, packet, udp.peer_name), b"")
 
 
 @kernel

@@ -60,9 +60,7 @@ class Sessions:
 
     def stands(self, now_ns: int) -> bool:
         """Return whether there is a session, and not a silent one."""
-        if self.current is None:
-            return False
-        return now_ns - self.accepted_ns <= RECONNECT_AFTER_NS or not self.silent(now_ns)
+        return self.current is not None and not self.silent(now_ns)
 
     def find(self, session_id: int) -> Session:
         """Return the session of this number, a pending one too. Raises MessageError for another."""

@@ -65,9 +65,10 @@ class UdpTransport:
     Bound to loopback by default. The peer is given, or learnt from the sender of a verified
     packet: a peer that moves to another port is followed, a foreign one is not.
 
-    A kernel may receive into `packets` from the `descriptor` while `is_empty`, and `take_up` is
-    called then; `name` is the first word of the address of the last packet's sender. `peer_name` is
-    the peer's `struct sockaddr_in`, all zeros while its address is no number.
+    While it `is_empty`, `receive` would look at the socket first: then a kernel may receive into
+    `packets` from the `descriptor`, and `take_up` is called. `name` is the first word of the
+    address of the last packet's sender. `peer_name` is the peer's `struct sockaddr_in`, all zeros
+    while its address is no number.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, peer: Address | None = None) -> None:
@@ -90,6 +91,7 @@ class UdpTransport:
         self.descriptor = self._socket.fileno()
         self.name = 0
         self._count = self._next = 0
+        self.is_empty = True
         self._names = self.packets.senders.cast("q")
 
     @property
@@ -121,6 +123,7 @@ class UdpTransport:
         """Return the next datagram, or None: all that wait are taken by one call of the system."""
         at = self._next
         if at == self._count:
+            self.is_empty = True
             if 0 < at < _AT_ONCE:  # the last call had taken all
                 self._count = self._next = 0
                 return None
@@ -132,19 +135,15 @@ class UdpTransport:
             if not self._count:
                 return None
         self._next = at + 1
+        self.is_empty = self._next == self._count == _AT_ONCE
         if self._names[at * _NAME_WORDS] != self.name:
             self._meet(at)
         packets, place = self.packets, at * MAX_DATAGRAM
         return bytes(packets.memory[place : place + packets.lengths[at]])
 
-    @property
-    def is_empty(self) -> bool:
-        """Return whether `receive` would look at the socket first."""
-        return self._next == self._count and self._count in (0, _AT_ONCE)
-
     def take_up(self, count: int) -> None:
         """Let `receive` return the packets that a kernel received into `packets`."""
-        self._count, self._next = count, 0
+        self._count, self._next, self.is_empty = count, 0, False
 
     def _meet(self, at: int) -> None:
         """Read another sender's address than the last one's: family, port and host."""

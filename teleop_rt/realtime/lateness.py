@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config_realtime import LateConfig
-from teleop_rt.jit import kernel
+from teleop_rt.jit import kernel, shared
 
 Counts = NDArray[np.int64]
 
@@ -156,6 +156,7 @@ class Lateness:
         }
 
 
+@shared
 def late_ns(skipped: int, wake_latency_ns: int, period_ns: int) -> int:
     """Return how late a tick began: the ticks skipped before it, and what it woke up after its own.
 

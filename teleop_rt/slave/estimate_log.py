@@ -61,9 +61,9 @@ def log(
 
 
 class EstimateLog:
-    """One ring for each estimator, filled in turn: each call of `update` fills the next one's.
+    """One ring for each estimator; `turns` gives without end what fills the next one's.
 
-    It takes the present time of the slave's clock [ns].
+    That takes the present time of the slave's clock [ns].
     """
 
     def __init__(self, pipeline: Pipeline, publish: Publish) -> None:
@@ -76,11 +76,7 @@ class EstimateLog:
             self._rings.append(ring)
             arrays = *pipeline.logged, np.zeros(len(table)), *ring_words(ring)
             writers.append(partial(bound(log, arrays, 0, 0), number))
-        self._turns = itertools.cycle(writers)
-
-    def update(self, stamp_ns: int) -> None:
-        """Record the next estimator in turn."""
-        next(self._turns)(stamp_ns)
+        self.turns = itertools.cycle(writers)
 
     def close(self) -> None:
         """Close the rings for their readers."""

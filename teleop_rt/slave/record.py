@@ -58,10 +58,12 @@ class Tick:
     # What came in with the tick: clock and zeros, by one call (see `CAME_IN`), and the sample.
     tick: int
     now_ns: int
-    late_ns: int
+    skipped: int
+    wake_latency_ns: int
     ready: int
     surface_shift: float
     homed: int
+    late_ns: int
     sample_stamp_ns: int
     usable: int
     valid: int

@@ -17,7 +17,6 @@ from teleop_rt.jit import bound
 from teleop_rt.link.bodies import new_state
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind
-from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import SLAVE, columns
@@ -68,10 +67,10 @@ class Slave:
         self._now_ns = now_ns
         self._row_ring = row_ring
         self._estimate_log = estimate_log
+        self._log_next = None if estimate_log is None else estimate_log.turns
         self._measure_work = measure_work
         self._sample = Sample()
         self._feed = feed_of(pipeline, rig.period_ns, self._sample)
-        self._period_ns = rig.period_ns
         self.record = record = TickRecord()
         self._floats, self._counts = record.floats, record.counts
         self._came_in = CAME_IN.writer(record)
@@ -89,7 +88,6 @@ class Slave:
         self.tick = 0
         self.missed_ticks = 0
         self._stamp_ns = 0
-        self._ready = False
         self._force_from_drive = rig.axis.force_from_drive
         self.stopped = faults.NOT_STOPPED
         self._work_us = math.nan
@@ -209,8 +207,7 @@ class Slave:
         started_ns = time.perf_counter_ns() if self._measure_work else 0
         self.tick += 1 + skipped
         self.missed_ticks += skipped
-        self._sense()
-        self._take_in(late_ns(skipped, wake_latency_ns, self._period_ns))
+        self._sense(skipped, wake_latency_ns)
         action = self._decide(CHECK)
         if action == ZEROS:
             action = self._advance_zeros()
@@ -238,28 +235,26 @@ class Slave:
         self.safety.disarm()
         self._axis.stop()
 
-    def _sense(self) -> None:
+    def _sense(self, skipped: int, wake_latency_ns: int) -> None:
+        """Take in what has come, and write clock and zeros into the record of the tick."""
         sample = self._sample
         self._axis.read_into(sample)
         if self._has_zeros:
             self.reference.apply(sample)
-        self._stamp_ns = self._now_ns()
+        self._stamp_ns = stamp_ns = self._now_ns()
         self._endpoint.poll()
         # Most rigs have neither zeros to find nor a force from the drive: no calls for those.
-        self._ready = (not self._has_zeros or self.reference.ready) and (
+        ready = (not self._has_zeros or self.reference.ready) and (
             not self._force_from_drive or self._is_of_contact(sample)
         )
-        self._feed(self._ready)
+        self._feed(ready)
+        shift = self._pipeline.shift if self._shifts else 0.0
+        homed = self.reference.homed
+        self._came_in(self.tick, stamp_ns, skipped, wake_latency_ns, ready, shift, homed)
 
     def _is_of_contact(self, sample: Sample) -> bool:
         """Return whether a drive's own force is that of contact: not once it lets go."""
         return sample.enabled and self.safety.state in _HOLDS
-
-    def _take_in(self, late_ns: int) -> None:
-        """Write the clock and the zeros into the record of the tick."""
-        shift = self._pipeline.shift if self._shifts else 0.0
-        homed = self.reference.homed
-        self._came_in(self.tick, self._stamp_ns, late_ns, self._ready, shift, homed)
 
     def _advance_zeros(self) -> int:
         """Advance tare and homing between the checks and the rest of the step."""
@@ -316,5 +311,5 @@ class Slave:
         stamp_ns = self._stamp_ns
         wake_us = wake_latency_ns * 1e-3 if self._measure_work else math.nan
         self._record_row(self._endpoint.trouble_code(stamp_ns), self._work_us, wake_us)
-        if self._estimate_log is not None:
-            self._estimate_log.update(stamp_ns)
+        if self._log_next is not None:
+            next(self._log_next)(stamp_ns)

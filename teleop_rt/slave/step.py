@@ -18,7 +18,7 @@ from teleop_rt.jit import kernel
 from teleop_rt.link import intake
 from teleop_rt.link import statistics as counted
 from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state
-from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
+from teleop_rt.realtime.lateness import ON_HARDWARE, PERIOD_NS, Counts, Lateness, late_ns
 from teleop_rt.realtime.row import NamedRow, StoredRow
 from teleop_rt.signals import SLAVE
 from teleop_rt.slave import coupling, faults
@@ -204,6 +204,7 @@ def decide(
     """
     t: Any = stored[0]
     if stage == CHECK:
+        t.late_ns = late_ns(t.skipped, t.wake_latency_ns, late[PERIOD_NS])
         take_in(t, samples[0])
         look_at_contact(t, estimators[0])
         t.silence_ns = intake.silence_of(end, t.now_ns)
