@@ -152,7 +152,7 @@ def identify(
         name, online = path.name, online_of(path, choice, Table({}, {}, None))
     rows, selected, trace, doubt = run_estimators(online)
     estimates = tuple(Estimate(row, trace, index) for index, row in enumerate(rows))
-    time_s = trace.period_s * np.arange(len(trace.theta), dtype=np.float64)
+    time_s = trace.period_s * np.arange(len(trace.signals), dtype=np.float64)
     chosen = estimates[selected] if selected >= 0 else None
     return Identification(name, estimates, chosen, time_s, doubt)
 

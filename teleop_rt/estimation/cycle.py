@@ -31,6 +31,7 @@ from teleop_rt.jit import kernel, shared
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Codes = NDArray[np.uint8]
 
 
 @kernel
@@ -231,7 +232,7 @@ def skip(state: index.BankState, ticks: int) -> None:
 
 
 @kernel
-def keep(one: index.StateArray, signals: Vector, theta: Matrix, status: Vector) -> None:
+def keep(one: index.StateArray, signals: Vector, theta: Matrix, status: Codes) -> None:
     """Write the present state to one row of a trace: see `run_ticks`."""
     state = one[0]
     known = state.detector[detection.SURFACE_KNOWN] > 0.0
@@ -245,7 +246,7 @@ def keep(one: index.StateArray, signals: Vector, theta: Matrix, status: Vector) 
     signals[6] = state.records[chosen, selection.PREDICTED] if chosen >= 0 else math.nan
     signals[7] = state.motion[index.MF]
     for r in range(theta.shape[0]):
-        status[r] = state.bank[r, layout.STATUS]
+        status[r] = np.uint8(state.bank[r, layout.STATUS])
         for j in range(theta.shape[1]):
             theta[r, j] = state.bank[r, layout.THETA + j]
 
@@ -258,7 +259,7 @@ def run_ticks(
     valids: Flags,
     signals: Matrix,
     theta: NDArray[np.float64],
-    status: Matrix,
+    status: Codes,
     grid: Places,
     decimate: int,
     sensed: bool,

@@ -55,9 +55,19 @@ def traced(row: RowSpec) -> tuple[DeclaredParameter, ...]:
     return row.parameters if row.linear else row.declared.parameters
 
 
+def traced_names(row: RowSpec) -> list[str]:
+    """Return the names of the parameters that a row's own theta holds."""
+    return [p.name for p in traced(row)]
+
+
+def leading(row: RowSpec) -> str:
+    """Return the parameter that represents a row: k, or m of a model without a k."""
+    return "k" if "k" in traced_names(row) else "m"
+
+
 def physical_over_time(row: RowSpec, theta: Matrix, length: float, time: float) -> Matrix:
     """Return the parameters (samples, parameters) in rig units of scaled theta (samples, ...)."""
-    names = [p.name for p in traced(row)]
+    names = traced_names(row)
     own: Matrix = theta[:, : len(names)]
     if not row.linear:
         return _hunt_crossley(own, length, time)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple, cast
@@ -21,7 +21,12 @@ from teleop_rt.estimation.cycle import keep, run_ticks, sense_tick, skip
 from teleop_rt.estimation.estimates import Places, StoredPlaces, new_places, write_estimate
 from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.layout import STATUS_NAMES
-from teleop_rt.estimation.parameters import Conversion, physical_over_time, traced
+from teleop_rt.estimation.parameters import (
+    Conversion,
+    physical_over_time,
+    traced,
+    traced_names,
+)
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings, allocate
 from teleop_rt.estimation.state import StateArray
@@ -34,9 +39,14 @@ __all__ = ["Contact", "Pipeline", "PipelineSettings", "Trace"]
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
+Codes = NDArray[np.uint8]
 
 _NO_SAMPLES = (np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.bool_))
-_NO_TRACE = (np.zeros((0, 8)), np.zeros((0, 0, layout.MAX_PARAMETERS)), np.zeros((0, 0)))
+_NO_TRACE = (
+    np.zeros((0, 8)), np.zeros((0, 0, layout.MAX_PARAMETERS)), np.zeros((0, 0), np.uint8),
+)  # fmt: skip
+_PIECE = 4096
+"""States whose scaled parameters are kept at a time, before they are converted."""
 _NO_GRID = np.zeros(0, np.int64)
 
 
@@ -54,24 +64,24 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """States kept of a run, `period_s` apart: see `cycle.run_ticks` for shapes and columns."""
+    """States kept of a run, `period_s` apart: see `cycle.run_ticks` for shapes and columns.
+
+    `values` has of each row the parameters that were kept of it, each (kept,), in rig units.
+    """
 
     signals: Matrix
-    theta: NDArray[np.float64]
-    status: Matrix
+    values: tuple[dict[str, Vector], ...]
+    status: Codes
     period_s: float
     rows: tuple[RowSpec, ...]
-    length: float
-    time: float
 
     def names(self, row: int) -> list[str]:
         """Return the names of the parameters that the trace has of a row."""
-        return [p.name for p in traced(self.rows[row])]
+        return list(self.values[row])
 
     def physical(self, row: int, name: str) -> Vector:
         """Return a parameter of a row over time (kept,), in the rig's unit."""
-        values = physical_over_time(self.rows[row], self.theta[:, row], self.length, self.time)
-        return values[:, self.names(row).index(name)]
+        return self.values[row][name]
 
 
 class Pipeline:
@@ -218,34 +228,55 @@ class Pipeline:
         self._surface_met = known
 
     def run(
-        self, position: Vector, force: Vector, valid: NDArray[np.bool_], decimate: int = 1
+        self,
+        position: Vector,
+        force: Vector,
+        valid: NDArray[np.bool_],
+        decimate: int = 1,
+        names_of: Callable[[RowSpec], Collection[str]] = traced_names,
     ) -> Trace:
         """Run a whole recording through the very same kernels: same numbers, bit for bit.
 
-        position, force, valid (samples,); every `decimate`-th state is kept in the trace.
+        position, force, valid (samples,); every `decimate`-th state is kept in the trace, and of
+        each row the parameters of these names.
         """
-        kept, count = len(position) // decimate, len(self.rows)
-        signals = np.zeros((kept, 8))
-        theta = np.zeros((kept, count, max(len(traced(row)) for row in self.rows)))
-        status = np.zeros((kept, count))
+        kept, count, one = len(position) // decimate, len(self.rows), self.settings
+        signals, status = np.zeros((kept, 8)), np.zeros((kept, count), np.uint8)
+        values = tuple({name: np.zeros(kept) for name in names_of(row)} for row in self.rows)
+        theta = np.zeros((_PIECE, count, max(len(traced(row)) for row in self.rows)))
         p = np.ascontiguousarray(position, dtype=np.float64)
         f = np.ascontiguousarray(force, dtype=np.float64)
         ok = np.ascontiguousarray(valid, dtype=np.bool_)
+        for first in range(0, len(p), _PIECE * decimate):
+            piece = slice(first, first + _PIECE * decimate)
+            at = slice(first // decimate, first // decimate + len(p[piece]) // decimate)
+            scaled = theta[: at.stop - at.start]
+            self._run_piece((p[piece], f[piece], ok[piece]), (signals[at], scaled, status[at]),
+                            decimate)  # fmt: skip
+            for r, row in enumerate(self.rows):
+                found = physical_over_time(row, scaled[:, r], one.length, one.time)
+                for name, column in zip(traced_names(row), found.T, strict=True):
+                    if name in values[r]:
+                        values[r][name][at] = column
+        return Trace(signals, values, status, one.period_s * decimate, self.rows)
+
+    def _run_piece(
+        self,
+        samples: tuple[Vector, Vector, NDArray[np.bool_]],
+        kept: tuple[Matrix, NDArray[np.float64], Codes],
+        decimate: int,
+    ) -> None:
+        """Run a piece of a recording, and keep its states: see `cycle.run_ticks`."""
         plain = self._terms is None and self._corrections is None
         if plain and self._surface_motion is None:
-            if len(p):
-                how = decimate, False, self._whole
-                trace = signals, theta, status
-                run_ticks(self._one, p, f, ok, *trace, _NO_GRID, *how, 0.0, 0.0, True, 0)  # noqa: FBT003
-        else:
-            for i in range(len(p)):
-                self.update(p[i], f[i], bool(ok[i]))
-                if (i + 1) % decimate == 0:
-                    k = (i + 1) // decimate - 1
-                    keep(self._one, signals[k], theta[k], status[k])
-        one = self.settings
-        period = one.period_s * decimate
-        return Trace(signals, theta, status, period, self.rows, one.length, one.time)
+            how = decimate, False, self._whole
+            run_ticks(self._one, *samples, *kept, _NO_GRID, *how, 0.0, 0.0, True, 0)  # noqa: FBT003
+            return
+        for i, (position, force, ok) in enumerate(zip(*samples, strict=True)):
+            self.update(position, force, bool(ok))
+            if (i + 1) % decimate == 0:
+                k = (i + 1) // decimate - 1
+                keep(self._one, *(rows[k] for rows in kept))
 
     @property
     def stored(self) -> StateArray:

@@ -29,7 +29,7 @@ _VECTOR, _MATRIX = numba.float64[::1], numba.float64[:, ::1]
 _SAMPLES = (_VECTOR, _VECTOR, numba.boolean[::1])
 _GRID = numba.int64[::1]
 _SAMPLE = (numba.float64, numba.float64, numba.boolean, numba.int64)
-_TRACE = (_MATRIX, numba.float64[:, :, ::1], _MATRIX)
+_TRACE = (_MATRIX, numba.float64[:, :, ::1], numba.uint8[:, ::1])
 
 
 def is_compiled(whole: Whole) -> bool:

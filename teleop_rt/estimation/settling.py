@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.estimation.parameters import leading
 from teleop_rt.estimation.pipeline import Trace
 
 BAND = 0.02
@@ -26,8 +27,7 @@ def _settled_s(trace: Trace, row: int, touching: NDArray[np.bool_]) -> float | N
     estimated = trace.status[:, row] > 0.0
     if not estimated.size or not estimated[-1]:
         return None
-    names = trace.names(row)
-    values = trace.physical(row, "k" if "k" in names else "m")
+    values = trace.physical(row, leading(trace.rows[row]))
     counted = touching if trace.rows[row].declared.in_contact_only else np.ones_like(touching)
     return float(np.count_nonzero(counted[: last_outside(values, estimated)]) * trace.period_s)
 

@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.samples.surface import (
     refuse_wrong_units,
 )
 from teleop_rt.errors import RecordingError
+from teleop_rt.estimation.parameters import leading, traced_names
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import RowSpec, rows_for
@@ -61,16 +62,22 @@ class Choice:
 
 
 def replay(
-    path: Path, choice: Choice, table: Table, effects: Path | None = None
+    path: Path,
+    choice: Choice,
+    table: Table,
+    effects: Path | None = None,
+    *,
+    traces: bool = True,
 ) -> tuple[dict[str, Any], Trace]:
     """Return the answer for one recording, JSON-ready, and parameters over time.
 
+    Unless it `traces` all, only those are kept over time that the answer needs.
     A run's own recording is replayed as it ran unless something else is chosen; `effects` is a
     Python file with the user's effects, if it ran with some. Raises RecordingError where the file
     cannot be used, ValueError for an unknown name.
     """
     online = online_of(path, choice, table, effects)
-    rows, selected, trace, doubt = run_estimators(online)
+    rows, selected, trace, doubt = run_estimators(online, traces=traces)
     keys = (*KEYS, "parameters")
     answer = {
         "recording": str(path),
@@ -96,7 +103,9 @@ REJECTED = (
 )
 
 
-def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace, str]:
+def run_estimators(
+    online: Online, *, traces: bool = True
+) -> tuple[list[dict[str, Any]], int, Trace, str]:
     """Return the rows as in the summary, the one that is selected (-1: none), trace and doubt.
 
     The doubt is a sentence where the residual rejects the best model, else empty. No row has
@@ -104,7 +113,8 @@ def run_estimators(online: Online) -> tuple[list[dict[str, Any]], int, Trace, st
     """
     pipeline = Pipeline(online.rows, online.settings)
     every = 1 + len(online.position) * len(online.rows) // MOST_KEPT
-    trace = pipeline.run(online.position, online.force, online.valid, every)
+    names_of = traced_names if traces else lambda row: [leading(row)]
+    trace = pipeline.run(online.position, online.force, online.valid, every, names_of)
     rows = report_with_delays(pipeline, trace, *online.units)
     selected = pipeline.selected
     if selected >= 0 and not worth_selecting(rows[selected]):
@@ -178,7 +188,7 @@ def write_trace(path: Path, trace: Trace) -> None:
     Raises RecordingError where the file exists.
     """
     refuse_existing([path])
-    columns: dict[str, Any] = {"t_s": np.arange(len(trace.theta)) * trace.period_s}
+    columns: dict[str, Any] = {"t_s": np.arange(len(trace.signals)) * trace.period_s}
     for index, row in enumerate(trace.rows):
         for name in trace.names(index):
             key = f"{row.model}/{row.regression}/{row.solver}/{name}"

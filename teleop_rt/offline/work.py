@@ -64,7 +64,8 @@ class Replaying:
         """Return the estimators' answer."""
         path = recording_of(recording)
         enter(f"estimators over {recording.name}")
-        answer, over_time = replay(path, self.choice, self.table, self.effects)
+        traces = self.trace is not None
+        answer, over_time = replay(path, self.choice, self.table, self.effects, traces=traces)
         if self.trace is not None:
             write_trace(self._trace(name), over_time)
         return answer

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from teleop_rt.estimation.layout import WHOLE
-from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.estimation.parameters import leading, physical_over_time, traced_names
+from teleop_rt.estimation.pipeline import Pipeline, Trace
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for, whole_for
 from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
@@ -49,6 +50,16 @@ def test_hunt_crossley_is_found_and_streamed_where_it_is_the_truth():
     assert wall.n == pytest.approx(1.5, abs=0.05)
 
 
+def assert_equal_values(one: Trace, other: Trace) -> None:
+    """Assert that two traces have the same parameters over time."""
+    assert one.rows == other.rows
+    for row in range(len(one.rows)):
+        assert one.names(row) == other.names(row)
+        for name in one.names(row):
+            values = one.physical(row, name), other.physical(row, name)
+            assert np.array_equal(*values, equal_nan=True)
+
+
 def test_a_whole_recording_gives_the_same_numbers_as_tick_by_tick():
     samples = record(Press(duration=3.0), kelvin_voigt)
     whole, stepped = Pipeline(ROWS, SETTINGS), Pipeline(ROWS, SETTINGS)
@@ -57,8 +68,12 @@ def test_a_whole_recording_gives_the_same_numbers_as_tick_by_tick():
     for position, force, valid in zip(*samples, strict=True):
         stepped.update(position, force, bool(valid))
         theta.append(stepped.theta.copy())
-    widest = max(len(trace.names(row)) for row in range(len(ROWS)))
-    assert np.array_equal(trace.theta, np.array(theta)[:, :, :widest])
+    scales = SETTINGS.length, SETTINGS.time
+    for r, row in enumerate(ROWS):
+        expected = physical_over_time(row, np.array(theta)[:, r], *scales)
+        found = np.column_stack([trace.physical(r, name) for name in traced_names(row)])
+        assert np.array_equal(found, expected, equal_nan=True)
+        assert np.abs(found).max() > 0.0
     assert np.array_equal(whole.bank.state, stepped.bank.state)
 
 
@@ -72,10 +87,29 @@ def test_kernels_without_what_a_bank_does_not_use_give_the_same_numbers_bit_for_
     monkeypatch.setattr("teleop_rt.estimation.rows.whole_for", lambda rows: WHOLE)
     whole = Pipeline(rows, SETTINGS)
     traces = [pipeline.run(*samples) for pipeline in (lean, whole)]
-    assert np.array_equal(traces[0].theta, traces[1].theta)
+    assert_equal_values(*traces)
     assert np.array_equal(traces[0].signals, traces[1].signals, equal_nan=True)
     assert np.array_equal(lean.bank.state, whole.bank.state)
-    assert np.abs(traces[0].theta).max() > 0.0
+    assert np.abs(traces[0].physical(0, "k")).max() > 0.0
+
+
+@pytest.mark.parametrize("decimate", [1, 3])
+@pytest.mark.parametrize("model", ["kelvin-voigt", "hunt-crossley"])
+def test_a_trace_is_the_same_in_pieces_and_has_the_names_that_were_asked_for(
+    monkeypatch, decimate, model
+):
+    samples = record(Press(duration=3.0), hunt_crossley)
+    rows = rows_for([model, "mass-spring-damper"], ["direct"], ["rls"])
+    whole = Pipeline(rows, SETTINGS).run(*samples, decimate)
+    monkeypatch.setattr("teleop_rt.estimation.pipeline._PIECE", 100)
+    pieces = Pipeline(rows, SETTINGS).run(*samples, decimate)
+    assert len(whole.signals) == len(samples[0]) // decimate > 5 * 100
+    assert_equal_values(whole, pieces)
+    assert np.array_equal(whole.signals, pieces.signals, equal_nan=True)
+    assert np.array_equal(whole.status, pieces.status)
+    one = Pipeline(rows, SETTINGS).run(*samples, decimate, lambda row: [leading(row)])
+    assert [one.names(row) for row in range(2)] == [["k"], ["k"]]
+    assert np.array_equal(one.physical(1, "k"), whole.physical(1, "k"))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from teleop_rt.estimation.parameters import leading
 from teleop_rt.estimation.pipeline import Trace
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settling import settling_times
@@ -15,11 +16,10 @@ def settled_s(values, touching=None, estimated=None, model="kelvin-voigt"):
     n = len(values)
     signals = np.zeros((n, 8))
     signals[:, 0] = 1.0 if touching is None else touching
-    theta = np.zeros((n, 1, 4))
-    theta[:, 0, 0] = values
-    status = np.ones((n, 1)) if estimated is None else np.asarray(estimated, float)[:, None]
+    status = np.ones((n, 1)) if estimated is None else np.asarray(estimated)[:, None]
     row = RowSpec(model, "direct", "rls")
-    return settling_times(Trace(signals, theta, status, PERIOD_S, (row,), 1.0, 1.0))[0]
+    kept = ({leading(row): np.asarray(values, float)},)
+    return settling_times(Trace(signals, kept, status.astype(np.uint8), PERIOD_S, (row,)))[0]
 
 
 def test_a_drift_of_some_per_mille_is_no_new_beginning_whatever_the_first_values_were():

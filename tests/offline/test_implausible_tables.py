@@ -81,9 +81,9 @@ def test_the_trace_of_a_long_recording_is_thinned_and_the_estimate_is_the_same(m
     (whole,), _, trace, _ = run_estimators(recorded)
     monkeypatch.setattr(replay, "MOST_KEPT", 1_000)
     (row,), _, thinned, _ = run_estimators(recorded)
-    assert len(trace.theta) == SAMPLES
-    assert 500 < len(thinned.theta) <= 1_000
-    assert np.array_equal(thinned.theta, trace.theta[3::4])
+    assert len(trace.signals) == SAMPLES
+    assert 500 < len(thinned.signals) <= 1_000
+    assert np.array_equal(thinned.physical(0, "k"), trace.physical(0, "k")[3::4])
     assert row["parameters"] == whole["parameters"]
     assert abs(row["convergence_s"] - whole["convergence_s"]) <= 4 * PERIOD_S
 

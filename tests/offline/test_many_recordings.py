@@ -251,10 +251,10 @@ def test_each_problem_names_its_file_as_it_was_given(call, folder):
 def test_an_error_nobody_expected_ends_no_other_recording(call, folder, monkeypatch):
     plain = work.replay
 
-    def breaks(path, choice, table, effects):
+    def breaks(path, choice, table, effects, *, traces):
         if path.name == "b.csv":
             raise ZeroDivisionError("by nothing")
-        return plain(path, choice, table, effects)
+        return plain(path, choice, table, effects, traces=traces)
 
     monkeypatch.setattr(work, "replay", breaks)
     code, out, err = call("replay", folder, *CHOSEN, "--json", "--jobs", 1)
