@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Iterator
+from typing import TypeVar, cast
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +17,7 @@ EARLY_SHARE = 0.25
 Vector = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Whole = NDArray[np.int64]
+Row = TypeVar("Row", Vector, Flags)
 
 _FIRST_NS, _PLACE, _PERIOD_NS, _SLACK_NS = range(4)
 """Words of a grid: where it begins, negative before the first sample, and the newest place."""
@@ -47,13 +52,39 @@ def gap_at(grid: Whole, valid: bool, stamp_ns: int) -> int:
 
 
 @kernel
-def find_places(grid: Whole, valid: Flags, stamp_ns: Vector, places: Whole) -> None:
-    """Write the place of each cycle of a recording (cycles,), the first at 0."""
+def longest_step(valid: Flags, stamp_ns: Vector) -> float:
+    """Return the longest time between two samples that follow each other [ns]."""
+    longest, last = 0.0, math.nan
+    for index in range(len(valid)):
+        if valid[index]:
+            longest = max(longest, stamp_ns[index] - last)
+            last = stamp_ns[index]
+    return longest
+
+
+@kernel
+def next_place(grid: Whole, valid: Flags, stamp_ns: Vector, index: int, place: int) -> int:
+    """Return the place of a cycle of a recording, which comes after the cycle at `place`."""
+    stamp = int(stamp_ns[index]) if valid[index] else 0
+    return place + 1 + gap_at(grid, valid[index], stamp)
+
+
+@kernel
+def count_places(grid: Whole, valid: Flags, stamp_ns: Vector) -> int:
+    """Return how many places a recording has from its first cycle to its last."""
     place = -1
-    for index in range(len(places)):
-        place += 1
-        stamp = int(stamp_ns[index]) if valid[index] else 0
-        places[index] = place = place + gap_at(grid, valid[index], stamp)
+    for index in range(len(valid)):
+        place = next_place(grid, valid, stamp_ns, index, place)
+    return place + 1
+
+
+@kernel
+def spread_row(grid: Whole, valid: Flags, stamp_ns: Vector, row: Row, spread: Row) -> None:
+    """Write each value of a recording's row (cycles,) at its place in `spread` (places,)."""
+    place = -1
+    for index in range(len(valid)):
+        place = next_place(grid, valid, stamp_ns, index, place)
+        spread[place] = row[index]
 
 
 class SampleGrid:
@@ -67,27 +98,17 @@ class SampleGrid:
         self.words = np.array([-1, 0, period_ns, round(EARLY_SHARE * period_ns)], np.int64)
 
 
-def with_gaps(
-    position: Vector, force: Vector, valid: Flags, stamp_ns: Vector, period_ns: int
-) -> tuple[Vector, Vector, Flags]:
-    """Return a recording with a missing sample at each place that a stall left empty.
+def with_gaps(rows: Iterable[Row], valid: Flags, stamp_ns: Vector, period_ns: int) -> Iterator[Row]:
+    """Yield rows of a recording with a missing sample at each place that a stall left empty.
 
-    position, force, valid, stamp_ns (cycles,); longer by the gaps, else as they are.
+    rows, valid, stamp_ns (cycles,); longer by the gaps, else as they are. A missing number is none,
+    a missing flag is false. A row is asked for when the one before is done: an hour's takes 29 MB.
     """
-    stamps = stamp_ns[valid]
-    if stamps.size == 0 or np.max(np.diff(stamps), initial=0.0) < (2 - EARLY_SHARE) * period_ns:
-        return position, force, valid
-    del stamps
-    places = np.empty(len(position), np.int64)
-    find_places(SampleGrid(period_ns).words, valid, stamp_ns, places)
-    size = int(places[-1]) + 1
-    filled = np.zeros(size, dtype=np.bool_)
-    filled[places] = valid
-    return _spread(position, places, size), _spread(force, places, size), filled
-
-
-def _spread(row: Vector, places: Whole, size: int) -> Vector:
-    """Return a row with each value at its place, and not-a-number at others."""
-    spread = np.full(size, np.nan)
-    spread[places] = row
-    return spread
+    if longest_step(valid, stamp_ns) < (2 - EARLY_SHARE) * period_ns:
+        yield from rows
+        return
+    size = count_places(SampleGrid(period_ns).words, valid, stamp_ns)
+    for row in rows:
+        spread = np.full(size, False if row.dtype == np.bool_ else np.nan, row.dtype)
+        spread_row(SampleGrid(period_ns).words, valid, stamp_ns, row, spread)
+        yield cast("Row", spread)

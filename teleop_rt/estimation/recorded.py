@@ -26,16 +26,21 @@ class Samples(NamedTuple):
 
 
 def estimated_samples(
-    slave: Mapping[str, Array], settings: PipelineSettings, loop_period_ns: int
+    slave: dict[str, Array], settings: PipelineSettings, loop_period_ns: int
 ) -> Samples:
-    """Return what the estimators had, from the slave's recorded signals (cycles,)."""
-    position, force = slave.get("position", _NOTHING), slave.get("force", _NOTHING)
-    valid = slave.get("valid", _NOTHING) > 0
+    """Return what the estimators had, from the slave's recorded signals (cycles,).
+
+    Position, force and flags are taken out of `slave`: of an hour both would fill the memory.
+    """
+    valid = slave.pop("valid", _NOTHING) > 0
     if (pairing := settings.pairing(loop_period_ns)) is not None:
         own_ns = _own_stamps(slave, "position"), _own_stamps(slave, "force")
+        position, force = slave.pop("position", _NOTHING), slave.pop("force", _NOTHING)
         return Samples(*pairs_of(pairing, position, own_ns[0], force, own_ns[1], valid))
     stamp_ns = slave.get("sample_stamp_ns", _NOTHING)
-    x, f, filled = with_gaps(position, force, valid, stamp_ns, loop_period_ns)
+    rows = (slave.pop(name, _NOTHING) for name in ("position", "force"))
+    x, f = with_gaps(rows, valid, stamp_ns, loop_period_ns)
+    (filled,) = with_gaps((valid,), valid, stamp_ns, loop_period_ns)
     return Samples(x, f, filled, stamp_ns)
 
 

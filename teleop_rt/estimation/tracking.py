@@ -23,8 +23,10 @@ def reference_stiffness(
     each, so that past and future have equal weight; x, v, f, usable (samples,), rig units. NaN
     where less than half of the window is usable.
     """
-    rows = np.where(usable, np.vstack((x * x, x * v, v * v, x * f, v * f, f * f)), 0.0)
-    xx, xv, vv, xf, vf, ff = (_windowed(row, half_window) for row in rows)
+    factors = (x, x), (x, v), (v, v), (x, f), (v, f), (f, f)
+    xx, xv, vv, xf, vf, ff = (
+        _windowed(np.where(usable, one * other, 0.0), half_window) for one, other in factors
+    )
     count = _windowed(usable.astype(np.float64), half_window)
     with np.errstate(invalid="ignore", divide="ignore"):
         determinant = xx * vv - xv * xv

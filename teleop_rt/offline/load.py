@@ -73,16 +73,11 @@ def load_online(path: Path, effects: Path | None = None) -> Online:
     return Online(
         settings=settings,
         rows=rows,
-        position=_own(samples.position),
-        force=_own(samples.force),
+        position=samples.position,
+        force=samples.force,
         valid=samples.valid,
         units=(metadata["position_unit"], metadata["force_unit"]),
     )
-
-
-def _own(row: Array) -> Array:
-    """Return the row, no view of columns: it would hold all of them in memory."""
-    return row if row.base is None else row.copy()
 
 
 def _metadata(path: Path) -> dict[str, str]:

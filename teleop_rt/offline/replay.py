@@ -93,8 +93,12 @@ def _doubtful_unit(rows: Sequence[dict[str, Any]], online: Online) -> str | None
     """Return a note where the stiffness of the best linear model asks for another unit."""
     errors = [(row["nrmse"], row["parameters"]["k"]["value"]) for row in rows
               if row["model"] == "kelvin-voigt" and row["nrmse"] is not None]  # fmt: skip
-    travel = float(np.ptp(online.position[online.valid]))
-    return doubtful_unit(online.units[0], travel, min(errors)[1]) if errors else None
+    if not errors:
+        return None
+    known = online.valid  # a copy of an hour's valid positions would be as large as all
+    deepest = float(np.max(online.position, initial=-np.inf, where=known))
+    travel = deepest - float(np.min(online.position, initial=np.inf, where=known))
+    return doubtful_unit(online.units[0], travel, min(errors)[1])
 
 
 REJECTED = (

@@ -25,7 +25,10 @@ _BYTES = 8
 
 
 class TopicColumns:
-    """The rows of a topic as columns; every second one is dropped where they grow too many."""
+    """The rows of a topic as columns; every second one is dropped where they grow too many.
+
+    Each column is an array of its own, so that whoever keeps one does not hold all in memory.
+    """
 
     def __init__(
         self, wanted: Sequence[str] | None, most: int | None, expected: int, may_take: int
@@ -38,7 +41,7 @@ class TopicColumns:
         self._names: list[str] = []
         self._after = b""
         self._waiting: list[list[float | None]] = []
-        self._room: Rows | None = None
+        self._columns: list[Rows] = []
         self._held = self._count = 0
         self._step = 1
         while most is not None and expected > most * self._step:
@@ -63,9 +66,10 @@ class TopicColumns:
 
     def _read(self, reader: RowReader, data: bytes, shown: Place) -> int:
         """Read rows by a kernel, up to one that it leaves; return how many."""
-        room = self._pack(len(shown))
-        count = reader.read(data, shown, room, self._held)
-        self._held += count
+        rows = np.empty((len(self._names), len(shown)))
+        count = reader.read(data, shown, rows)
+        self._pack()
+        self._append(rows[:, :count])
         return count
 
     @property
@@ -77,7 +81,8 @@ class TopicColumns:
         """Return the columns."""
         if self._count and (self._count - 1) % self._step:
             self._waiting.append(self._values(self._last))
-        columns = self._pack()[:, : self._held]
+        self._pack()
+        columns = (column[: self._held] for column in self._columns)
         return dict(zip(self._names, columns, strict=True))
 
     def _values(self, text: bytes) -> list[float | None]:
@@ -100,28 +105,30 @@ class TopicColumns:
 
             self._reader = RowReader(names, self._names)
 
-    def _pack(self, more: int = 0) -> Rows:
-        """Move the waiting rows into the columns, which grow where more came than expected.
-
-        There is room for so many more then.
-        """
-        shape = len(self._waiting), len(self._names)
-        held, room = self._held + shape[0], self._room
-        count = held + more
-        if room is None:
-            believed = self._expected * shape[1] * _BYTES <= self._may_take
-            room = np.empty((shape[1], max(self._expected if believed else 0, count)))
-        elif count > room.shape[1]:
-            room = np.concatenate((room, np.empty((shape[1], count))), axis=1)
+    def _pack(self) -> None:
+        """Move the waiting rows into the columns."""
         if self._waiting:
-            new = np.array(self._waiting, dtype=np.float64)
-            room[:, self._held : held] = new.reshape(shape).T
-        self._room, self._held, self._waiting = room, held, []
-        return room
+            shape = len(self._waiting), len(self._names)
+            self._append(np.array(self._waiting, dtype=np.float64).reshape(shape).T)
+            self._waiting = []
+
+    def _append(self, rows: Rows) -> None:
+        """Append rows (names, rows) to the columns, which grow where more came than expected."""
+        held = self._held + rows.shape[1]
+        if not self._columns:
+            believed = self._expected * len(self._names) * _BYTES <= self._may_take
+            size = max(self._expected if believed else 0, held)
+            self._columns = [np.empty(size) for _ in self._names]
+        for place, column in enumerate(self._columns):
+            if held > len(column):
+                self._columns[place] = np.concatenate((column, np.empty(held)))
+            self._columns[place][self._held : held] = rows[place]
+        self._held = held
 
     def _thin(self) -> None:
-        room = self._pack()
-        kept = room[:, : self._held : 2].copy()
-        self._held = kept.shape[1]
-        room[:, : self._held] = kept
+        self._pack()
+        for column in self._columns:
+            kept = column[: self._held : 2].copy()
+            column[: len(kept)] = kept
+        self._held = (self._held + 1) // 2
         self._step *= 2

@@ -149,7 +149,7 @@ class Replayed:
 def replay_estimators(trial: TrialConfig, slave: Mapping[str, Array]) -> Replayed:
     """Run the recorded samples of the slave through the same kernels as on-line."""
     pipeline = make_pipeline(trial)
-    samples = estimated_samples(slave, pipeline.settings, trial.rig.period_ns)
+    samples = estimated_samples(dict(slave), pipeline.settings, trial.rig.period_ns)
     trace = pipeline.run(samples.position, samples.force, samples.valid)
     rows = report_with_delays(pipeline, trace, trial.rig.units.position, trial.rig.units.force)
     chosen = pipeline.selected

@@ -1,5 +1,7 @@
 """Stalls of the loop leave places without a sample: they are missing, not out of the world."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,10 @@ def stalled(samples, every=40, longest=9, seed=3):
     return position[place], force[place], valid[place], stamps
 
 
+def filled(position, force, valid, stamps):
+    return list(with_gaps((position, force, valid), valid, stamps, PERIOD_NS))
+
+
 def damping_error(samples):
     pipeline = Pipeline(rows_for(["kelvin-voigt"], ["direct"], ["rls"]), SETTINGS)
     pipeline.run(*samples)
@@ -67,7 +73,7 @@ def damping_error(samples):
 
 def test_damping_is_found_from_a_loop_that_stalls_every_forty_ticks():
     kept = stalled(record(Press(), kelvin_voigt))
-    assert damping_error(with_gaps(*kept, PERIOD_NS)) < 0.01
+    assert damping_error(filled(*kept)) < 0.01
     assert damping_error(kept[:3]) > 0.05  # as if each sample came a period after the last
 
 
@@ -79,15 +85,30 @@ def test_on_line_and_replayed_a_recording_with_gaps_gives_the_same_numbers():
     take = online.at_once(PERIOD_NS)
     for x, f, ok, stamp in zip(position, force, valid, stamps, strict=True):
         take(x, f, bool(ok), int(stamp))
-    replayed.run(*with_gaps(position, force, valid, stamps, PERIOD_NS))
+    replayed.run(*filled(position, force, valid, stamps))
     assert np.array_equal(online.theta, replayed.theta)
     assert online.contact == replayed.contact
+
+
+def test_a_row_is_asked_for_when_the_one_before_is_done_and_is_missing_in_the_gap():
+    valid, stamps = np.array([True, True, False]), np.array([0.0, 3.0, 0.0]) * PERIOD_NS
+    asked = []
+
+    def rows():
+        for row in (np.array([1.0, 2.0, 3.0]), valid):
+            asked.append(row)
+            yield row
+
+    spread = with_gaps(rows(), valid, stamps, PERIOD_NS)
+    assert np.array_equal(next(spread), [1.0, math.nan, math.nan, 2.0, 3.0], equal_nan=True)
+    assert len(asked) == 1
+    assert list(next(spread)) == [True, False, False, True, False]
 
 
 def test_a_recording_without_a_gap_is_left_as_it_is():
     position, force, valid = record(Press(duration=0.5), kelvin_voigt)
     stamps = START_NS + PERIOD_NS * np.arange(len(position), dtype=float)
-    same = with_gaps(position, force, valid, stamps, PERIOD_NS)
+    same = filled(position, force, valid, stamps)
     assert same[0] is position
     nothing = np.empty(0)
-    assert with_gaps(nothing, nothing, nothing > 0, nothing, PERIOD_NS)[0].size == 0
+    assert filled(nothing, nothing, nothing > 0, nothing)[0].size == 0

@@ -66,12 +66,27 @@ def test_a_kernel_reads_the_same_numbers_to_the_last_bit(wanted):
     assert columns_of(rows, wanted, kernel=True) == columns_of(rows, wanted, kernel=False)
 
 
+@pytest.mark.parametrize("kernel", [True, False])
+def test_whoever_keeps_a_column_keeps_no_other_in_memory(kernel):
+    rows = [text_of([str(number)] * len(NAMES)) for number in range(50)]
+    found = TopicColumns(None, None, columns_module._MANY + 1 if kernel else 0, 0)
+    found.take(*laid_out(rows))
+    for column in found.whole().values():
+        assert column.base.size == column.size == 50
+
+
+def test_a_topic_without_a_wanted_signal_has_no_columns():
+    found = TopicColumns(["other"], None, 0, ROOM)
+    found.take(*laid_out([text_of(["1"] * len(NAMES))] * 3))
+    assert found.whole() == {}
+
+
 def test_the_kernel_itself_reads_nearly_all():
     rng = random.Random(3)  # noqa: S311 - reproducible
     rows = [text_of([any_number(rng) for _ in NAMES]) for _ in range(200)]
     read, room = RowReader(NAMES, ["first", "last"]), np.zeros((2, 200))
     data, places = laid_out(rows)
-    assert read.read(data, places, room, 0) == 200
+    assert read.read(data, places, room) == 200
 
 
 @pytest.mark.parametrize(
@@ -83,7 +98,7 @@ def test_what_is_no_number_is_left(value, place):
     values[place] = value
     rows = [text_of(["2"] * len(NAMES)), text_of(values), text_of(["3"] * len(NAMES))]
     data, places = laid_out(rows)
-    assert RowReader(NAMES, NAMES).read(data, places, np.zeros((len(NAMES), 3)), 0) == 1
+    assert RowReader(NAMES, NAMES).read(data, places, np.zeros((len(NAMES), 3))) == 1
 
 
 @pytest.mark.parametrize(
@@ -93,7 +108,7 @@ def test_what_is_no_number_is_left(value, place):
 )  # fmt: skip
 def test_a_row_of_another_shape_is_left(row):
     reader = RowReader(("tick", "stamp_ns"), ("tick", "stamp_ns"))
-    assert reader.read(*laid_out([row]), np.zeros((2, 1)), 0) == 0
+    assert reader.read(*laid_out([row]), np.zeros((2, 1))) == 0
 
 
 def test_rows_that_are_left_keep_their_place():
