@@ -24,9 +24,9 @@ from teleop_rt.link.codec import (
     pack_header,
 )
 from teleop_rt.link.door import PacketDoor, receive_expected
+from teleop_rt.link.endpoint_state import EndpointState
 from teleop_rt.link.handshake import Answerer, Budget, Caller
 from teleop_rt.link.keys import PeerKeys
-from teleop_rt.link.mailbox import Mailbox
 from teleop_rt.link.messages import (
     Kind,
     MessageError,
@@ -40,16 +40,9 @@ from teleop_rt.link.outgoing import Outgoing
 from teleop_rt.link.packet_kernels import load_kernels
 from teleop_rt.link.peer_clock import PeerClock
 from teleop_rt.link.session import NOT_AUTHENTIC, ReplayWindow, Session
-from teleop_rt.link.sessions import RECONNECT_AFTER_NS, Sessions
+from teleop_rt.link.sessions import Sessions
 from teleop_rt.link.statistics import SENT, Statistics
 from teleop_rt.link.transport import Address, Transport, UdpTransport
-from teleop_rt.link.troubles import (
-    CLOCK_TROUBLE,
-    NOTHING_TROUBLE,
-    TAKEN_TROUBLE,
-    TROUBLES,
-    first_refusal,
-)
 
 Role = Literal["master", "slave"]
 
@@ -61,8 +54,6 @@ HELLO_PERIOD_NS = 100_000_000
 """Time between two Hellos without an answer."""
 NOTICES_PER_S = 10
 """Rate of messages about refused packets: a flood must not fill the log."""
-NOTHING_AFTER_NS = 2_000_000_000
-"""Silence after which the master reports that nothing comes."""
 _DATA: dict[Role, frozenset[int]] = {
     "master": frozenset(map(int, (Kind.MODEL, Kind.STATE, Kind.TAKEN))),
     "slave": frozenset({int(Kind.MOTION)}),
@@ -75,7 +66,7 @@ _PEER_STAMP, _PEER_STAMP_TAKEN = intake.PEER_STAMP, intake.PEER_STAMP_TAKEN
 _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 
 
-class Endpoint(Mailbox):
+class Endpoint(EndpointState):
     """One end of the link over a transport, in the role of master or slave.
 
     `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
@@ -126,59 +117,6 @@ class Endpoint(Mailbox):
         self._bind(ReplayWindow())
         self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
         self._sent = self.statistics.words.data[SENT : SENT + 1]
-
-    @property
-    def connected(self) -> bool:
-        """Whether a session stands."""
-        return self.sessions.current is not None
-
-    @property
-    def session_id(self) -> int:
-        """The number of the session, another one after each break; 0 while none stands.
-
-        New keys for the same conversation leave it as it is.
-        """
-        session = self.sessions.current
-        return 0 if session is None else session.chain_id
-
-    @property
-    def peer(self) -> str:
-        """The name of whose key opened the session; empty while none stands."""
-        session = self.sessions.current
-        return "" if session is None else session.peer
-
-    @property
-    def peer_rate_hz(self) -> int:
-        """The rate that the peer stated; 0 while no session stands."""
-        session = self.sessions.current
-        return 0 if session is None else session.peer_rate_hz
-
-    @property
-    def trouble(self) -> str | None:
-        """The reason why the link is not connected, as a sentence; None while it is."""
-        if self.connected:
-            return TROUBLES[CLOCK_TROUBLE][1] if self._numbers[intake.IS_STALE] else None
-        return TROUBLES[self._refusal() or NOTHING_TROUBLE][1]
-
-    def trouble_code(self, now_ns: int) -> int:
-        """Return the index of the trouble in TROUBLES; 0 while there is none, or none yet.
-
-        A session that nobody answers any more, as after a reload without this key, is none.
-        """
-        sessions = self.sessions
-        is_recent = now_ns - sessions.accepted_ns <= RECONNECT_AFTER_NS  # nearly always
-        if (is_recent and sessions.current is not None) or sessions.stands(now_ns):
-            return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
-        silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
-        return self._refusal() or (NOTHING_TROUBLE if silent else 0)
-
-    def _refusal(self) -> int:
-        """Return the index of the trouble for which packets are refused, or 0."""
-        return TAKEN_TROUBLE if self.taken_by is not None else first_refusal(self.statistics)
-
-    def silence_ns(self, now_ns: int) -> int:
-        """Return the age of the newest message taken in, or the time since start before one."""
-        return intake.silence_of(self._numbers, now_ns)
 
     def poll(self) -> None:
         """Take in what has arrived, a bounded number of packets, and keep the session alive.
@@ -387,10 +325,6 @@ class Endpoint(Mailbox):
             body = encode(TakenOver(self.peer))
             self._send(retired, Kind.TAKEN, body, now_ns, self.transport.sender)
         raise MessageError("taken over")
-
-    def newest(self, kind: Kind) -> tuple[int, int]:
-        """Return epoch and sequence of the newest message of a kind; zeros before the first."""
-        return intake.newest(self.words, kind)
 
     def _give_way(self, message: TakenOver) -> None:
         """End the session that another master has taken over, and do not take it back."""

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import pytest
 
-from teleop_rt.link.channel import TROUBLES, Endpoint
+from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.codec import decode_header
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Kind, ModelMessage, MotionMessage, StateMessage
 from teleop_rt.link.statistics import Statistics
 from teleop_rt.link.transport import MemoryTransport
+from teleop_rt.link.troubles import TROUBLES
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 
 
