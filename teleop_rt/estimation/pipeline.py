@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple, cast
 
@@ -33,9 +32,10 @@ from teleop_rt.estimation.state import StateArray
 from teleop_rt.estimation.streamed import Streaming
 from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.estimation.terms import Terms
+from teleop_rt.estimation.trace import Trace
 from teleop_rt.jit import bound
 
-__all__ = ["Contact", "Pipeline", "PipelineSettings", "Trace"]
+__all__ = ["Contact", "Pipeline", "PipelineSettings"]
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
@@ -60,28 +60,6 @@ class Contact(NamedTuple):
     penetration: float
     velocity: float
     verified_free: float
-
-
-@dataclass(frozen=True, slots=True)
-class Trace:
-    """States kept of a run, `period_s` apart: see `cycle.run_ticks` for shapes and columns.
-
-    `values` has of each row the parameters that were kept of it, each (kept,), in rig units.
-    """
-
-    signals: Matrix
-    values: tuple[dict[str, Vector], ...]
-    status: Codes
-    period_s: float
-    rows: tuple[RowSpec, ...]
-
-    def names(self, row: int) -> list[str]:
-        """Return the names of the parameters that the trace has of a row."""
-        return list(self.values[row])
-
-    def physical(self, row: int, name: str) -> Vector:
-        """Return a parameter of a row over time (kept,), in the rig's unit."""
-        return self.values[row][name]
 
 
 class Pipeline:

@@ -8,9 +8,10 @@ from typing import Any
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.layout import STATUS_NAMES, WARMING_UP
-from teleop_rt.estimation.pipeline import Pipeline, Trace
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import OFFSET, RowSpec
 from teleop_rt.estimation.settling import settling_times
+from teleop_rt.estimation.trace import Trace
 from teleop_rt.estimation.tracking import stiffness_delays
 
 KEYS = ("model", "regression", "solver", "effects")

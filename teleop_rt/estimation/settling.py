@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.parameters import leading
-from teleop_rt.estimation.pipeline import Trace
+from teleop_rt.estimation.trace import Trace
 
 BAND = 0.02
 """Share of its last value within which a parameter has settled, as is usual for step responses."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.estimation.pipeline import Trace
+from teleop_rt.estimation.trace import Trace
 
 _MOST_SAMPLES = 20_000
 """Samples compared at most; of a longer run one in so many."""

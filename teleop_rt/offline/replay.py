@@ -19,9 +19,10 @@ from teleop_rt.diagnosis.samples.surface import (
 )
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.parameters import leading, traced_names
-from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import KEYS, report_with_delays, worth_selecting
 from teleop_rt.estimation.rows import RowSpec, rows_for
+from teleop_rt.estimation.trace import Trace
 from teleop_rt.ids import REGRESSIONS, SOLVERS
 from teleop_rt.offline.load import Online, load_any, load_online
 from teleop_rt.offline.table import Table

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from teleop_rt.batch.workers import Case, Result
 from teleop_rt.config import TrialConfig
 from teleop_rt.config_loader import dump
-from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings, Trace
+from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report_with_delays
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt.estimation.trace import Trace
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import SLAVE_TOPIC
 from teleop_rt.study.chapter4_plant import (

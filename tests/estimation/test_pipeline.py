@@ -5,9 +5,10 @@ import pytest
 
 from teleop_rt.estimation.layout import WHOLE
 from teleop_rt.estimation.parameters import leading, physical_over_time, traced_names
-from teleop_rt.estimation.pipeline import Pipeline, Trace
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for, whole_for
+from teleop_rt.estimation.trace import Trace
 from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
 from .cube_rig import SETTINGS

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from teleop_rt.estimation.parameters import leading
-from teleop_rt.estimation.pipeline import Trace
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settling import settling_times
+from teleop_rt.estimation.trace import Trace
 
 PERIOD_S = 1e-3
 
