@@ -130,3 +130,68 @@ def test_the_place_of_the_encoders_zero_changes_no_answer(effect: str, zero_m: f
     answer = diagnose(_far_from_zero(effect, zero_m), "spring,viscous,bias").answer
     assert answer["class"][:1] == ([] if effect == "none" else [[effect]])
     assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(34_000.0, rel=0.01)
+
+
+def _drifting(dt_s: float = 4e-3) -> Recording:
+    """Return a stiff body that is left: a drift and a hum keep the force in air from being even."""
+    rng, t = np.random.default_rng(23), dt_s * np.arange(5000)
+    rates = rng.uniform(0.1, 1.5, 6)
+    x = sum(rng.uniform(0.2, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates)
+    x = 9e-4 * x / np.max(np.abs(x))
+    body = np.where(x > 0.0, 17_000.0 * x + 10.0 * np.gradient(x, dt_s), 0.0)
+    force = np.maximum(body, 0.0) + 8.0 * t / t[-1] + 0.5 * np.sin(2.0 * np.pi * 50.0 * t)
+    return from_arrays("drifting", t, x, force + 0.05 * rng.standard_normal(t.size))
+
+
+def test_a_body_that_is_left_is_found_by_its_error_where_no_free_air_is_seen() -> None:
+    """A drift hid the free air; a second layer was named, with many times the noise left."""
+    made = _drifting()
+    assert not is_left(made)
+    answer = diagnose(made, "spring,viscous").answer
+    assert [sorted(names) for names in answer["class"]] == [["force_drift", "periodic_disturbance"]]
+    assert answer["error"]["after_over_floor"] < 1.1
+
+
+def _bushing(t: np.ndarray, lost: float, rising: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return position [m] and force [N] of a bushing that heats up, or damps more at one end."""
+    rng = np.random.default_rng(6)
+    rates = rng.uniform(0.3, 4.0, 6)
+    x = sum(np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates) * 1e-3 + 0.03
+    v = np.gradient(x, t)
+    k = 900.0 * (1.0 - lost * (1.0 - np.exp(-t / 4.0)))
+    force = k * (x - 0.0305) + (14.0 + rising * (x - 0.03)) * v + 1.5
+    return x, force + 0.01 * rng.standard_normal(t.size)
+
+
+@pytest.mark.parametrize(
+    ("lost", "rising", "effect"), [(0.1, 0.0, "softening"), (0.0, 2500.0, "hunt_crossley")]
+)
+def test_a_fixed_body_softens_or_damps_more_along_the_stroke(
+    lost: float, rising: float, effect: str
+) -> None:
+    """Both were laws of a body that is left alone; a fixed one was "unexplained" or a drift."""
+    t = 2e-3 * np.arange(6000)
+    made = from_arrays("bushing", t, *_bushing(t, lost, rising))
+    answer = diagnose(made, "spring,viscous,bias").answer
+    assert answer["class"] == [[effect]]
+    assert answer["error"]["after_over_floor"] < 1.1
+    if effect == "softening":
+        amplitude = answer["effects"][0]["parameters"]["stiffness_lost"]["value"]
+        assert amplitude == pytest.approx(90.0, rel=0.05)
+
+
+def test_a_second_effect_is_named_beside_a_large_exact_delay() -> None:
+    """Its gain was a ten-thousandth of the delay's; chance in all values hid that it took all."""
+    rng, t = np.random.default_rng(9), 5e-3 * np.arange(4000)
+    steps = np.cumsum(rng.normal(size=40))
+    x = np.convolve(np.repeat(steps, 100), np.hanning(30) / np.sum(np.hanning(30)), "same")
+    x = 7e-3 * x / np.ptp(x)
+    late = np.interp(t - 0.06, t, x)
+    k = 490.0 * (1.0 - 0.02 * (1.0 - np.exp(-t / 9.0)))
+    pink = np.fft.irfft(
+        np.fft.rfft(rng.normal(size=t.size)) / np.sqrt(np.maximum(np.arange(t.size // 2 + 1), 1.0)),
+        t.size,
+    )
+    force = k * (late + 0.011) + 6.0 * np.gradient(late, t) + 1.8e-3 * pink / np.std(pink)
+    answer = diagnose(from_arrays("muscle", t, x, force), "spring,viscous,bias").answer
+    assert [sorted(names) for names in answer["class"]] == [["channel_delay", "softening"]]

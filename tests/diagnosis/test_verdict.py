@@ -12,6 +12,7 @@ from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.ranked import Ranked, adequate
+from teleop_rt.diagnosis.inference.second import takes_nearly_all
 from teleop_rt.diagnosis.inference.verdict import Judgement, judge
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
@@ -58,6 +59,29 @@ def test_a_bias_counts_by_the_noise_along_it_and_not_by_that_of_all_slow_directi
     assert judge(base, [ranked], [], floor=0.0).verdict == "no_missing_effect"
     known = replace(ranked, noise_per_direction=1.0)
     assert judge(base, [known], [], floor=0.0).verdict == "named"
+
+
+@pytest.mark.parametrize(
+    ("alone", "both", "takes"),
+    [
+        ((1800.0, 520.0), (-80.0, 30.0), True),  # chance in all values hides it; structure shows it
+        ((9000.0, 100.0), (200.0, 40.0), True),  # the opposite: a ripple is no structure
+        ((1800.0, 520.0), (-80.0, 200.0), False),
+        ((9000.0, 520.0), (2000.0, 30.0), False),
+        ((900.0, 150.0), (0.0, 0.0), False),  # neither shows it
+    ],
+)
+def test_a_small_partner_takes_nearly_all_where_chance_can_show_it(
+    alone: tuple[float, float], both: tuple[float, float], takes: bool
+) -> None:
+    """Each is chi-square beyond the noise, and structure, of the first effect and of both."""
+    first, pair = (
+        Ranked(fitted(VALUES + chi2, *found), 0.0, 0.0, LackOfFit(structure, RANK, doubt=0.02))
+        for found, (chi2, structure) in (
+            (("channel_delay",), alone), (("channel_delay", "softening"), both),
+        )
+    )  # fmt: skip
+    assert takes_nearly_all(pair, first) is takes
 
 
 def test_what_is_far_louder_than_the_noise_is_not_called_nothing() -> None:

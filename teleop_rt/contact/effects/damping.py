@@ -36,6 +36,13 @@ def _damped_with_depth(
     return float(max(x, 0.0) ** eta[0] * v)
 
 
+@kernel
+def _damped_along(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(max(x - eta[0], 0.0) * v)
+
+
 _DAMPING_POWER = Shape("power", "1", 0.3, 3.0, 1.0, points=5)  # 0 is the base's own damping
 # From beyond the stroke the damping hardly changes along it.
 _ORIGIN = Shape("origin", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=5)
@@ -64,6 +71,20 @@ EFFECTS = (
         step=_damped_with_depth,
         sentence="Damping grows with the depth, with the power {power} (Hunt and Crossley).",
         compensation="render",
+        derivative_order=1,
+    ),
+    Effect(
+        name="hunt_crossley",
+        law=WITHOUT_CONTACT,
+        family="damping",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("damping", "{f} s/{x}^2", nonnegative=True),
+        shapes=(_ORIGIN,),
+        step=_damped_along,
+        sentence="Damping grows along the stroke from {origin} on.",
+        compensation="render",
+        only_in_contact=False,
         derivative_order=1,
     ),
     _QUADRATIC,

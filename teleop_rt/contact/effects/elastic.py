@@ -89,6 +89,20 @@ def _weakened_alike(
 
 
 @kernel
+def _weakened_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float((eta[0] - x) * (1.0 - exp(-t / eta[1])))
+
+
+@kernel
+def _weakened_alike_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float((eta[0] - x - eta[2] * v) * (1.0 - exp(-t / eta[1])))
+
+
+@kernel
 def _weakened_by_load(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -129,6 +143,19 @@ _LOSS_TIME = Shape(
     logarithmic=True,
     relative_to="duration",
     points=8,
+)
+_HELD_SOFTENING = Effect(
+    name="softening",
+    law=WITHOUT_CONTACT,
+    family="drift",
+    belongs_to="environment",
+    stage="material",
+    amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
+    shapes=(replace(_CENTRE, points=3), _LOSS_TIME),
+    step=_weakened_on_both_sides,
+    sentence="Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}.",
+    compensation="render",
+    only_in_contact=False,
 )
 EFFECTS = (
     Effect(
@@ -272,6 +299,19 @@ EFFECTS = (
         ),
         compensation="render",
         derivative_order=1,
+    ),
+    _HELD_SOFTENING,
+    replace(
+        _HELD_SOFTENING,
+        law=f"{WITHOUT_CONTACT}, of stiffness and damping",
+        shapes=(*_HELD_SOFTENING.shapes, _DAMPING_TIME),
+        step=_weakened_alike_on_both_sides,
+        sentence=(
+            "Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}, the"
+            " damping by {damping_time} times that."
+        ),
+        derivative_order=1,
+        extends=WITHOUT_CONTACT,
     ),
     Effect(
         name="softening",

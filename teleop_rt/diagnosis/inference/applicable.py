@@ -32,7 +32,7 @@ def applicable(
         if effect.name in {"gravity_torque", RETURN_SPRING}:
             return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
         if effect.without_contact:
-            held = base.has_spring or effect.family not in {"relaxation", "stiffening"}
+            held = base.has_spring or not _is_of_a_spring(effect)
             return held and not base.touches
         material = effect.belongs_to == "environment" or effect.only_in_contact
         return base.touches or not (material or effect.acts == "deflects")
@@ -53,6 +53,10 @@ def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
         return True
     shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)
     return shifts and any(shape.name == _BY_DIRECTION for shape in effect.shapes)
+
+
+def _is_of_a_spring(effect: Effect) -> bool:
+    return effect.family in {"relaxation", "stiffening"} or effect.name == "softening"
 
 
 def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -> bool:

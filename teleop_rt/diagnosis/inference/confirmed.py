@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
 from teleop_rt.diagnosis.inference.ranked import leaves_structure
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, in_rounds
+from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
@@ -44,6 +45,7 @@ from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.rows import Stretch
 from teleop_rt.diagnosis.samples.surface import surface_behind_weight
+from teleop_rt.errors import RecordingError
 
 
 @dataclass(frozen=True)
@@ -74,14 +76,51 @@ def judged(
     """Return the confirmed judgement, of the first view of the contact that names something.
 
     A later view must also leave less of the force: with a wrong surface an effect only mends that.
+    A base without contact is compared with that of contact where this may explain what is missing.
     """
     views = _views(recording, base, surface)
     made = _judged(recording, *next(views), effects)
     while made.inconclusive and (view := next(views, None)) is not None:
         other = _judged(recording, *view, effects)
-        better = other.found.left_by(other.found.predicts) < made.found.left_by(made.found.predicts)
+        better = _left_by(other) < _left_by(made)
         made = other if better and not other.inconclusive else made
+    if (touching := _may_touch(made, recording, base, surface)) is not None:
+        other = _judged(recording, touching, None, effects)
+        made = other if _explains_more(other, made) else made
     return made
+
+
+def _left_by(made: Judged) -> float:
+    return made.found.left_by(made.found.predicts)
+
+
+def _may_touch(
+    made: Judged, recording: Recording, base: Base, surface: float | None
+) -> Base | None:
+    """Return the base of contact that may explain what a fixed body's lacks, None if none does.
+
+    Without any effect it must leave less than the fixed body's.
+    """
+    alone, named = made.found.base, made.found.judgement.verdict != "no_missing_effect"
+    if surface is not None or recording.surface is not None or alone.model.base.touches:
+        return None
+    touching = unilateral(base)
+    if touching is None or not named:
+        return None
+    try:
+        problem, model = pose(recording, touching, None)
+    except RecordingError:
+        return None
+    plain = made.plain
+    left = held_out.deviation(problem, fit_base(problem, model))
+    return touching if left < held_out.deviation(plain.problem, plain.base) else None
+
+
+def _explains_more(touching: Judged, fixed: Judged) -> bool:
+    """Return whether the base of contact leaves clearly less, or no more with fewer effects."""
+    left, most = _left_by(touching), _left_by(fixed)
+    fewer = len(touching.found.predicts.names) < len(fixed.found.predicts.names)
+    return REDRAWN_NOISE_RATIO * left < most or (fewer and left <= most)
 
 
 def _views(

@@ -76,7 +76,7 @@ def both_needed(
         return True
     # The form of the first law may leave as much as this, but a partner does not take that.
     small = not best.tone_or_air_force and _rest(best) < SECOND_SHARE * excess
-    if small and not _takes_nearly_all(pair, best):
+    if small and not takes_nearly_all(pair, best):
         return False
     left = _Remainder.of(problem, pair, best, excess, floor)
     joint = left.criterion(problem, pair.fit)
@@ -119,14 +119,30 @@ def _takes_the_rest(pair: Ranked, alone: Ranked) -> bool:
 
 def _rest(ranked: Ranked) -> float:
     """Return the energy that a set leaves above the noise, in structure or in all values."""
-    return max(ranked.left.excess, ranked.fit.chi2 - ranked.fit.effective)
+    return max(ranked.left.excess, _beyond_noise(ranked.fit))
 
 
-def _takes_nearly_all(pair: Ranked, alone: Ranked) -> bool:
-    """Return whether a pair takes nine tenths of what its first effect leaves, beside chance."""
-    chance = SIGMAS * max(pair.left.deviation, math.sqrt(2.0 * pair.fit.effective))
-    most = _NEARLY_NOTHING * _rest(alone)
-    return chance < 2.0 * most and _rest(pair) - chance < most
+def takes_nearly_all(pair: Ranked, alone: Ranked) -> bool:
+    """Return whether a pair takes nine tenths of what its first effect leaves, beside chance.
+
+    It must in the structure or in all values, where chance is small enough to show it, and leave
+    clearly more in neither.
+    """
+    shown = False
+    for first, rest, deviation in (
+        (alone.left.excess, pair.left.excess, pair.left.deviation),
+        (_beyond_noise(alone.fit), _beyond_noise(pair.fit), math.sqrt(2.0 * pair.fit.effective)),
+    ):
+        most, chance = _NEARLY_NOTHING * first, SIGMAS * deviation
+        if chance < 2.0 * most and rest - chance >= most:
+            return False
+        shown = shown or chance < 2.0 * most
+    return shown
+
+
+def _beyond_noise(fit: Fit) -> float:
+    """Return the energy that a fit leaves in all values above that of the noise."""
+    return fit.chi2 - fit.effective
 
 
 @dataclass(frozen=True)
