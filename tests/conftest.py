@@ -36,13 +36,15 @@ LONGEST = (
     *("slave/test_first_contact_with_slave", "master/test_hand_from_outside", "api/test_notebook"),
     *("test_same_hand", "trial/test_breathing", "trial/test_exit_code"),
     *("diagnosis/test_foreign", "diagnosis/test_confirmed_on_blocks", "diagnosis/test_diagnose"),
-    *("diagnosis/test_linkage", "diagnosis/test_surface", "diagnosis/test_second"),
-    *("diagnosis/test_measured", "diagnosis/test_steps", "diagnosis/test_held"),
-    *("diagnosis/test_breathing_surface", "diagnosis/test_discrepancy"),
-    *("diagnosis/test_detectable", "diagnosis/test_noise", "diagnosis/test_dropouts"),
-    *("diagnosis/test_filtered", "diagnosis/test_reading", "diagnosis/test_beginning"),
+    *("diagnosis/test_not_noise", "diagnosis/test_noise", "diagnosis/test_linkage"),
+    *("diagnosis/test_surface", "diagnosis/test_second", "diagnosis/test_steps"),
+    *("diagnosis/test_measured", "diagnosis/test_noise_colours", "diagnosis/test_held"),
+    *("diagnosis/test_breathing_surface", "diagnosis/test_discrepancy", "diagnosis/test_pairs"),
+    *("diagnosis/test_detectable", "diagnosis/test_dropouts", "diagnosis/test_filtered"),
+    *("diagnosis/test_reading", "diagnosis/test_report", "diagnosis/test_beginning"),
+    *("diagnosis/test_relaxing", "diagnosis/test_work"),
 )
-"""Modules of 46 to 5 s of processor time, which begin first: no core then waits for one alone.
+"""Modules of 47 to 5 s of processor time, which begin first: no core then waits for one alone.
 
 The first diagnoses and the second does not: from an empty cache a diagnosis compiles for half a
 minute, and beside each other two would.
