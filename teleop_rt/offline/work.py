@@ -126,10 +126,11 @@ class Diagnosing:
         if self.test is not None:
             unseen = load_any(recording_of(self.test), self.table)
             refuse_other_units(unseen, loaded)
+        # Before the diagnosis: both look at all of an hour, and need as much room as its columns.
+        hints = (exchanged(loaded), weak_force(loaded) if path.suffix != ".mcap" else None)
         found = diagnose(
             loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
         )
-        hints = (exchanged(loaded), weak_force(loaded) if path.suffix != ".mcap" else None)
         found.answer["notes"] += [hint for hint in hints if hint is not None]
         if self.out is not None:
             enter("writing page and model")
