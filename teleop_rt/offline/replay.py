@@ -27,6 +27,7 @@ from teleop_rt.ids import REGRESSIONS, SOLVERS
 from teleop_rt.offline.load import Online, load_any, load_online
 from teleop_rt.offline.table import Table
 from teleop_rt.outputs import refuse_existing
+from teleop_rt.realtime.scheduling import give_back_compiler
 
 ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
 """Force that is contact, and that no longer is, in deviations of the force's noise."""
@@ -120,6 +121,7 @@ def run_estimators(
     every = 1 + len(online.position) * len(online.rows) // MOST_KEPT
     names_of = traced_names if traces else lambda row: [leading(row)]
     trace = pipeline.run(online.position, online.force, online.valid, every, names_of)
+    give_back_compiler()  # all kernels are loaded: an hour's report has that much more room
     rows = report_with_delays(pipeline, trace, *online.units)
     selected = pipeline.selected
     if selected >= 0 and not worth_selecting(rows[selected]):
