@@ -20,10 +20,11 @@ from teleop_rt.diagnosis.answers.residuals import Unseen, nearest, predict_recor
 from teleop_rt.diagnosis.criteria import SECOND_SHARE
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.applicable import applicable
-from teleop_rt.diagnosis.inference.confirmed import Judged, judged, noise_of
+from teleop_rt.diagnosis.inference.confirmed import Judged, noise_of
 from teleop_rt.diagnosis.inference.explanation import bounded_by_error, likelihoods
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis
 from teleop_rt.diagnosis.inference.verdict import Verdict
+from teleop_rt.diagnosis.inference.views import judged
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import pressed_all_along

@@ -195,3 +195,19 @@ def test_a_second_effect_is_named_beside_a_large_exact_delay() -> None:
     force = k * (late + 0.011) + 6.0 * np.gradient(late, t) + 1.8e-3 * pink / np.std(pink)
     answer = diagnose(from_arrays("muscle", t, x, force), "spring,viscous,bias").answer
     assert [sorted(names) for names in answer["class"]] == [["channel_delay", "softening"]]
+
+
+@pytest.mark.parametrize("middle", [-0.0175, -0.0165, -0.0155])
+def test_a_return_spring_that_hides_the_touch_is_named_and_no_layer(middle: float) -> None:
+    """Its slope in air was taken for a body, and the body for a second layer that is late."""
+    rng, t = np.random.default_rng(17), 2e-3 * np.arange(6000)
+    rates = rng.uniform(0.2, 3.0, 7)
+    x = sum(rng.uniform(0.3, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates)
+    x = 2.4e-3 * x / np.max(np.abs(x)) + middle
+    depth = x + 0.0166
+    body = np.where(depth > 0.0, 3300.0 * depth + 6.0 * np.gradient(x, t), 0.0)
+    force = np.maximum(body, 0.0) + 900.0 * (x + 0.0208)
+    made = from_arrays("sprung", t, x, force + 0.014 * rng.standard_normal(t.size))
+    answer = diagnose(made, "kelvin-voigt").answer
+    assert answer["class"] == [["return_spring"]]
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(3300.0, rel=0.02)

@@ -102,3 +102,23 @@ def test_a_name_that_leaves_thirty_times_the_noise_is_partly_named() -> None:
     assert answer["error"]["after_over_floor"] > 2.0
     assert answer["verdict"] in {"partial", "class", "unexplained"}
     assert all(chance <= 0.5 for chance in answer["probability"].values())
+
+
+def test_the_law_of_a_partner_is_searched_again_within_its_family() -> None:
+    """The power law stood beside another stiffening alone, and one arm was as likely."""
+    rng, dt = np.random.default_rng(3), 4e-3
+    t, order = dt * np.arange(3000), 0.2
+    rates = rng.uniform(0.05, 2.0, 7)
+    x = sum(rng.uniform(0.3, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates)
+    x = (2e-3 * x / np.max(np.abs(x)) + 5e-4) * np.clip(t / 0.5, 0.0, 1.0)
+    depth = np.maximum(x, 0.0)
+    steps = np.arange(1, t.size)
+    weights = np.cumprod(np.concatenate([[1.0], (steps - 1 - order) / steps]))  # Gruenwald
+    creeping = np.convolve(depth, weights)[: t.size] * dt**-order
+    body = 800.0 * depth + 3e8 * depth**3 + 500.0 * creeping
+    force = np.where(x > 0.0, np.maximum(body, 0.0), 0.0) + 4e-3 * rng.standard_normal(t.size)
+    answer = diagnose(from_arrays("creeping", t, x, force)).answer
+    assert [sorted(names) for names in answer["class"]] == [
+        ["fractional_relaxation", "nonlinear_stiffening"]
+    ]
+    assert answer["error"]["after_over_floor"] < 1.1

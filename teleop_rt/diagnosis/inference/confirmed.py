@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.answers.errors import Blocks
@@ -16,11 +15,9 @@ from teleop_rt.diagnosis.inference.discrepancy import (
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
 from teleop_rt.diagnosis.inference.ranked import leaves_structure
-from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis, in_rounds
-from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.models import held_out
-from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import (
@@ -33,19 +30,8 @@ from teleop_rt.diagnosis.noise.not_noise import not_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.held import (
-    SURE_PULL,
-    bilateral,
-    is_held,
-    is_left,
-    unilateral,
-)
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.onset import Surface
-from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.rows import Stretch
-from teleop_rt.diagnosis.samples.surface import surface_behind_weight
-from teleop_rt.errors import RecordingError
 
 
 @dataclass(frozen=True)
@@ -70,88 +56,17 @@ class Judged:
         return self.found.judgement.verdict in INCONCLUSIVE
 
 
-def judged(
-    recording: Recording, base: Base, surface: float | None, effects: tuple[Effect, ...]
+def confirmed(
+    recording: Recording,
+    weighed: Diagnosis,
+    errors: list[RecordedMotion],
+    lost: list[Stretch],
+    effects: tuple[Effect, ...],
 ) -> Judged:
-    """Return the confirmed judgement, of the first view of the contact that names something.
+    """Return the judgement of one view of the contact, as later checks confirm it.
 
-    A later view must also leave less of the force: with a wrong surface an effect only mends that.
-    A base without contact is compared with that of contact where this may explain what is missing.
+    `weighed`, `errors` and `lost` are those of `in_rounds`.
     """
-    views = _views(recording, base, surface)
-    made = _judged(recording, *next(views), effects)
-    while made.inconclusive and (view := next(views, None)) is not None:
-        other = _judged(recording, *view, effects)
-        better = _left_by(other) < _left_by(made)
-        made = other if better and not other.inconclusive else made
-    if (touching := _may_touch(made, recording, base, surface)) is not None:
-        other = _judged(recording, touching, None, effects)
-        made = other if _explains_more(other, made) else made
-    return made
-
-
-def _left_by(made: Judged) -> float:
-    return made.found.left_by(made.found.predicts)
-
-
-def _may_touch(
-    made: Judged, recording: Recording, base: Base, surface: float | None
-) -> Base | None:
-    """Return the base of contact that may explain what a fixed body's lacks, None if none does.
-
-    Without any effect it must leave less than the fixed body's.
-    """
-    alone, named = made.found.base, made.found.judgement.verdict != "no_missing_effect"
-    if surface is not None or recording.surface is not None or alone.model.base.touches:
-        return None
-    touching = unilateral(base)
-    if touching is None or not named:
-        return None
-    try:
-        problem, model = pose(recording, touching, None)
-    except RecordingError:
-        return None
-    plain = made.plain
-    left = held_out.deviation(problem, fit_base(problem, model))
-    return touching if left < held_out.deviation(plain.problem, plain.base) else None
-
-
-def _explains_more(touching: Judged, fixed: Judged) -> bool:
-    """Return whether the base of contact leaves clearly less, or no more with fewer effects."""
-    left, most = _left_by(touching), _left_by(fixed)
-    fewer = len(touching.found.predicts.names) < len(fixed.found.predicts.names)
-    return REDRAWN_NOISE_RATIO * left < most or (fewer and left <= most)
-
-
-def _views(
-    recording: Recording, base: Base, surface: float | None
-) -> Iterator[tuple[Base, float | Surface | None]]:
-    """Give the views of the contact, likeliest first, each a base and its surface.
-
-    If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
-    weight. A body that pulls only a little is taken for one that the tool leaves first. A base
-    without contact is that of contact where the tool leaves the body.
-    """
-    if surface is not None or recording.surface is not None:
-        yield base, surface
-        return
-    touching = None if base.touches else unilateral(base)
-    if touching is not None and is_left(recording):
-        base = touching
-    held = bilateral(base) if base.touches else None
-    if touching is None and held is not None and is_held(recording):
-        both: list[tuple[Base, None]] = [(base, None), (held, None)]
-        yield from reversed(both) if is_held(recording, SURE_PULL) else both
-        return
-    yield base, None
-    if base.touches and (hidden := surface_behind_weight(recording)) is not None:
-        yield base, hidden
-
-
-def _judged(
-    recording: Recording, base: Base, surface: float | Surface | None, effects: tuple[Effect, ...]
-) -> Judged:
-    weighed, errors, lost = in_rounds(partial(pose, recording, base, surface), recording, effects)
     if weighed.judgement.verdict == "no_missing_effect":
         return _nothing_missing(weighed, errors, lost)
     enter("confirming by an unweighted fit")

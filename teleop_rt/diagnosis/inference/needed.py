@@ -111,15 +111,22 @@ def _likeliest_pairs(
     effects: tuple[Effect, ...],
     floor: float,
 ) -> list[Ranked]:
-    """Return the likeliest pairs, with exchanged members if the best pair leaves structure."""
+    """Return the likeliest pairs, with exchanged members of the best.
+
+    If the best pair leaves structure, members of other families are tried as well.
+    """
     fits = search_pairs(rank.problem, rank.base, [r.fit for r in singles], effects)
     ranked = [rank(fit) for fit in fits[:MOST_PAIRS]]
-    if not ranked or not leaves_structure(ranked[0].left, floor):
-        return ranked
-    known = {frozenset(r.fit.names) for r in ranked}
-    others = exchanged(rank.problem, ranked[0].fit, effects)
-    fresh = [fit for fit in others if frozenset(fit.names) not in known]
-    return sorted([*ranked, *map(rank, fresh[:MOST_PAIRS])], key=lambda r: r.fit.bic)
+    if not ranked:
+        return []
+    known = {frozenset(r.fit.names): r for r in ranked}
+    complete = not leaves_structure(ranked[0].left, floor)
+    others = exchanged(rank.problem, ranked[0].fit, effects, within_family=complete)
+    for fit in others[:MOST_PAIRS]:
+        names = frozenset(fit.names)
+        if names not in known or fit.bic < known[names].fit.bic:
+            known[names] = rank(fit)
+    return sorted(known.values(), key=lambda r: r.fit.bic)
 
 
 def _improve_singles(rank: Ranking, pair: Fit, known: dict[str, Ranked]) -> None:

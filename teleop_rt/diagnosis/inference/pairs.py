@@ -86,19 +86,24 @@ def _starts(
     return list(chosen.values())[:SECONDS]
 
 
-def exchanged(problem: Problem, pair: Fit, effects: tuple[Effect, ...]) -> list[Fit]:
+def exchanged(
+    problem: Problem, pair: Fit, effects: tuple[Effect, ...], *, within_family: bool
+) -> list[Fit]:
     """Return fitted pairs in which one member of the given pair is replaced by another effect.
 
     The search starts from the parameters that the kept member has in the pair. Fitted alone, its
-    parameters may compensate for the missing effect and hide it.
+    parameters may compensate for the missing effect and hide it. With `within_family` only effects
+    of the member's own family are tried: they are its closest rivals, however well the pair fits.
     """
     lower, fits = at_lower_rates(problem), []
     for member in range(len(pair.names)):
-        kept = problem.solve(*without(pair, member))
+        kept, left = problem.solve(*without(pair, member)), pair.model.effects[member]
         others = tuple(
             e
             for e in effects
-            if e.name != pair.names[member] and not same_physics(e, kept.model.effects[0])
+            if e.name != left.name
+            and not same_physics(e, kept.model.effects[0])
+            and (e.family == left.family or not within_family)
         )
         starts = screen_coarsely(problem, lower, kept, others)[:_MOST_EXCHANGED]
         near, _ = lower[0].around(problem, kept)

@@ -1,0 +1,133 @@
+"""The view of the contact that explains a recording: left, fixed, or touched behind a weight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from typing import NamedTuple
+
+from teleop_rt.contact.effect import Effect
+from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
+from teleop_rt.diagnosis.inference.confirmed import Judged, confirmed
+from teleop_rt.diagnosis.inference.rounds import Diagnosis, in_rounds
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models import held_out
+from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.held import (
+    SURE_PULL,
+    bilateral,
+    is_held,
+    is_left,
+    unilateral,
+)
+from teleop_rt.diagnosis.samples.onset import Surface
+from teleop_rt.diagnosis.samples.preparation import pose
+from teleop_rt.diagnosis.samples.surface import surface_behind_weight
+from teleop_rt.errors import RecordingError
+
+_LIKELIEST = 3  # candidates of which one shows what a view of the contact may leave
+
+
+class View(NamedTuple):
+    """A base, and its surface [rig unit], given for sure or guessed; None if unknown."""
+
+    base: Base
+    surface: float | Surface | None = None
+
+
+def judged(
+    recording: Recording, base: Base, surface: float | None, effects: tuple[Effect, ...]
+) -> Judged:
+    """Return the confirmed judgement of the view of the contact that explains most.
+
+    A later view counts only where the first one lacks an effect: with a wrong surface an effect
+    only mends that.
+    """
+    views = _views(recording, base, surface)
+    made = _judged(recording, next(views), effects)
+    while made.found.judgement.verdict != "no_missing_effect":
+        if (view := next(views, None)) is None:
+            break
+        with suppress(RecordingError):
+            made = _judged(recording, view, effects, instead_of=made)
+    return made
+
+
+def _judged(
+    recording: Recording, view: View, effects: tuple[Effect, ...], instead_of: Judged | None = None
+) -> Judged:
+    """Return the judgement of a view, or the one that it would replace where it explains no more.
+
+    Raises RecordingError if the view leaves no sample to judge.
+    """
+    if instead_of is not None and not _may_explain(recording, view, instead_of):
+        return instead_of
+    posed = partial(pose, recording, view.base, view.surface)
+    weighed, errors, lost = in_rounds(posed, recording, effects)
+    if instead_of is not None and _least_left(weighed) >= _left_by(instead_of):
+        return instead_of
+    made = confirmed(recording, weighed, errors, lost, effects)
+    return made if instead_of is None or _explains_more(made, instead_of) else instead_of
+
+
+def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[View]:
+    """Give the views of the contact, likeliest first.
+
+    If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
+    weight. A body that pulls only a little is taken for one that the tool leaves first. A base
+    without contact is that of contact where the tool leaves the body.
+    """
+    if surface is not None or recording.surface is not None:
+        yield View(base, surface)
+        return
+    touching = base if base.touches else unilateral(base)
+    held = bilateral(base) if base.touches else base
+    if touching is None:
+        yield View(base)
+        return
+    if base.touches:
+        pulls = held is not None and is_held(recording)
+        order = [held, base] if pulls and is_held(recording, SURE_PULL) else [base, held]
+        order = order if pulls else [base]
+    else:
+        order = [touching] if is_left(recording) else [base, touching]
+    yield from (View(one) for one in order if one is not None)
+    if (hidden := surface_behind_weight(recording)) is not None:
+        yield View(touching, hidden)
+
+
+def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
+    """Return whether a view may explain what the judgement lacks, at little cost.
+
+    Where a set is named, another kind of base must leave less than that of the judgement without
+    any effect.
+    """
+    alone = made.plain.base
+    if made.inconclusive or view.base.touches == alone.model.base.touches:
+        return True
+    problem, base = pose(recording, view.base, view.surface)
+    left = held_out.deviation(problem, fit_base(problem, base))
+    return left < held_out.deviation(made.plain.problem, alone)
+
+
+def _least_left(weighed: Diagnosis) -> float:
+    """Return the least root mean square [rig's force] that a likely candidate leaves."""
+    likeliest = [ranked.fit for ranked in weighed.candidates[:_LIKELIEST]]
+    return min(weighed.left_by(fit) for fit in (weighed.base, *likeliest))
+
+
+def _left_by(made: Judged) -> float:
+    return made.found.left_by(made.found.predicts)
+
+
+def _explains_more(other: Judged, made: Judged) -> bool:
+    """Return whether another view leaves clearly less, or no more and names fewer effects.
+
+    Beside a judgement that names nothing complete, one that does must only leave less.
+    """
+    left, most = _left_by(other), _left_by(made)
+    fewer = len(other.found.predicts.names) < len(made.found.predicts.names)
+    names = made.inconclusive and not other.inconclusive
+    return REDRAWN_NOISE_RATIO * left < most or (left <= most and (fewer or names))
