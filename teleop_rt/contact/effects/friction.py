@@ -24,7 +24,7 @@ def _smoothed_sign_with_depth(
 
 
 @kernel
-def _presliding(
+def presliding(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     """Advance Dahl's z' = v/d (1 - z sgn v): elastic before it slides; exact over a sample."""
@@ -141,7 +141,7 @@ _STRIBECK_FRICTION = replace(
 
 EFFECTS = (
     _DRY,
-    replace(_DRY, law="presliding", shapes=(_PRESLIDING,), step=_presliding, state_size=1),
+    replace(_DRY, law="presliding", shapes=(_PRESLIDING,), step=presliding, state_size=1),
     # With presliding, friction of a body alone is its hysteresis: one force, one name.
     replace(
         _DRY,

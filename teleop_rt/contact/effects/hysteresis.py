@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from math import exp, tanh
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effects.friction import presliding
 from teleop_rt.contact.law import touches
 from teleop_rt.jit import kernel
 
@@ -191,6 +193,16 @@ EFFECTS = (
         step=_slipping_everywhere,
         sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
         state_size=_SLIDERS + 2,
+        only_in_contact=False,
+    ),
+    _memory(
+        name="hysteresis",
+        law=f"{WITHOUT_CONTACT}, one slider",  # Dahl's; with less travel it is dry friction
+        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
+        shapes=(replace(_YIELD, lower=0.05),),
+        step=presliding,
+        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+        state_size=1,
         only_in_contact=False,
     ),
     _memory(
