@@ -135,7 +135,7 @@ GATES: dict[str, tuple[str, Function]] = {
 }  # fmt: skip
 """Gate -> where it is, and what stands in its place where it is left out."""
 
-_NEARLY_ONE = {"NAMED_SHARE", "POSTERIOR_MASS", "HIGHEST_PROBABILITY"}
+_NEARLY_ONE = {"NAMED_SHARE", "POSTERIOR_MASS", "HIGHEST_PROBABILITY", "HIGHEST_BESIDE_UNKNOWN"}
 CONSTANTS = tuple(name for name in vars(criteria) if name.isupper() and name not in _NEARLY_ONE)
 """All but shares and probabilities that are nearly 1."""
 

@@ -10,7 +10,7 @@ import pytest
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
+from teleop_rt.diagnosis.criteria import HIGHEST_BESIDE_UNKNOWN
 from teleop_rt.diagnosis.inference.explanation import bounded_by_error, explain, predictor
 from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.sets import Scored
@@ -40,7 +40,7 @@ def test_one_effect_that_explains_most_is_partly_named() -> None:
     )
     assert found.verdict == "partial"
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
-    assert found.probability == {"coulomb_friction": HIGHEST_PROBABILITY}
+    assert found.probability == {"coulomb_friction": HIGHEST_BESIDE_UNKNOWN}
 
 
 def test_an_effect_that_explains_nearly_all_is_named() -> None:
@@ -198,7 +198,7 @@ def test_a_law_at_its_bound_that_fits_no_better_excludes_no_name() -> None:
     named = _set("coulomb_friction", path=(1.0, 0.1))
     found = explain([_ALONE, bent, named])
     assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
-    assert found.probability == {"coulomb_friction": HIGHEST_PROBABILITY}
+    assert found.probability == {"coulomb_friction": HIGHEST_BESIDE_UNKNOWN}
 
 
 def test_a_law_of_time_predicts_only_if_it_is_named() -> None:

@@ -89,7 +89,7 @@ def _clearance(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     """Hold the body still while the tool is within half a gap of the centre."""
-    return -min(max(x - eta[1], -0.5 * eta[0]), 0.5 * eta[0])
+    return float(-min(max(x - eta[1], -0.5 * eta[0]), 0.5 * eta[0]))
 
 
 _GAP = Shape("gap", "{x}", 1e-3, 0.4, 0.02, logarithmic=True, relative_to="travel", points=10)

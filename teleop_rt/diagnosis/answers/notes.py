@@ -183,8 +183,8 @@ def _of_ratio(answer: dict[str, Any], ratio: float) -> list[str]:
         " to separate them"
     )
     highest = highest_probability(ratio)
-    if any(chance > highest + _ROUNDED for chance in answer["probability"].values()):
-        return [f"{cause}: {form}"]
+    if abs(max(answer["probability"].values(), default=0.0) - highest) > _ROUNDED:
+        return [f"{cause}: {form}"]  # no such bound holds
     share = f"of answers that leave as much, {100.0 * highest:.0f} % hold the right names"
     return [f"{cause}; {share}: {form}"]
 

@@ -16,6 +16,7 @@ from math import exp, log
 from teleop_rt.contact.effect import Family
 from teleop_rt.diagnosis.criteria import (
     EFFECT_COST,
+    HIGHEST_BESIDE_UNKNOWN,
     HIGHEST_PROBABILITY,
     LEAST_CONFIDENCE,
     LEAST_GAIN,
@@ -89,7 +90,7 @@ def explain(
         return Explanation("unexplained", (), family, {})
     effects = {name for names in chosen for name in names}
     probability = {
-        n: min(HIGHEST_PROBABILITY, sum(w for names, w in mass.items() if n in names))
+        n: min(HIGHEST_BESIDE_UNKNOWN, sum(w for names, w in mass.items() if n in names))
         for n in effects
     }
     if sets[0].energies[0] - sets[0].energy < NAMED_SHARE * excess:
