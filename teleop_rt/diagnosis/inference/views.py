@@ -7,6 +7,8 @@ from contextlib import suppress
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.confirmed import Judged, confirmed
@@ -123,11 +125,19 @@ def _left_by(made: Judged) -> float:
 
 
 def _explains_more(other: Judged, made: Judged) -> bool:
-    """Return whether another view leaves clearly less, or no more and names fewer effects.
+    """Return whether another view errs clearly less, or no more and names fewer effects.
 
-    Beside a judgement that names nothing complete, one that does must only leave less.
+    Beside a judgement that names nothing complete, one that does must only err less. The errors are
+    those of held-out blocks, on the samples that both views use.
     """
-    left, most = _left_by(other), _left_by(made)
+    error, most = _held_out_errors(other, made)
     fewer = len(other.found.predicts.names) < len(made.found.predicts.names)
-    names = made.inconclusive and not other.inconclusive
-    return REDRAWN_NOISE_RATIO * left < most or (left <= most and (fewer or names))
+    names = made.inconclusive and other.found.judgement.verdict in {"named", "class"}
+    return REDRAWN_NOISE_RATIO * error < most or (error <= most and (fewer or names))
+
+
+def _held_out_errors(*views: Judged) -> list[float]:
+    """Return the root mean square error [rig's force] of each view where all of them count."""
+    found = [one.blocks.predicted(one.found.predicts, 0.0) for one in views]
+    both = np.all([one.where > 0.0 for one in found], axis=0)
+    return [float(np.sqrt(np.mean((one.force - one.after)[both] ** 2))) for one in found]
