@@ -9,6 +9,7 @@ import pytest
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.criteria import HIGHEST_BESIDE_UNKNOWN
 from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, errors_on
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
@@ -75,7 +76,7 @@ def test_friction_is_partly_named_beside_an_unknown_remainder(found: Diagnosis) 
     answer = found.answer
     assert answer["verdict"] == "partial"
     assert {name for names in answer["class"] for name in names} <= _FRICTION
-    assert 0.9 < sum(answer["probability"].values()) <= 1.0
+    assert sum(answer["probability"].values()) == HIGHEST_BESIDE_UNKNOWN
     assert 0.3 < answer["effects"][0]["explains"] < 0.95
 
 

@@ -29,6 +29,7 @@ from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.surface import surface_behind_weight
 from teleop_rt.errors import RecordingError
 
+_LEAST_COMMON = 0.05  # of a judgement's samples, on which another view is compared
 _LIKELIEST = 3  # candidates of which one shows what a view of the contact may leave
 
 
@@ -128,16 +129,15 @@ def _explains_more(other: Judged, made: Judged) -> bool:
     """Return whether another view errs clearly less, or no more and names fewer effects.
 
     Beside a judgement that names nothing complete, one that does must only err less. The errors are
-    those of held-out blocks, on the samples that both views use.
+    those of held-out blocks, on the samples in contact that both views use; of less than a
+    twentieth of the first one's nothing follows.
     """
-    error, most = _held_out_errors(other, made)
+    found = [one.blocks.predicted(one.found.predicts, 0.0) for one in (other, made)]
+    used = [one.where > 0.0 for one in found]
+    both = used[0] & used[1]
+    if np.count_nonzero(both) < _LEAST_COMMON * np.count_nonzero(used[1]):
+        return False
+    error, most = (float(np.sqrt(np.mean((f.force - f.after)[both] ** 2))) for f in found)
     fewer = len(other.found.predicts.names) < len(made.found.predicts.names)
     names = made.inconclusive and other.found.judgement.verdict in {"named", "class"}
     return REDRAWN_NOISE_RATIO * error < most or (error <= most and (fewer or names))
-
-
-def _held_out_errors(*views: Judged) -> list[float]:
-    """Return the root mean square error [rig's force] of each view where all of them count."""
-    found = [one.blocks.predicted(one.found.predicts, 0.0) for one in views]
-    both = np.all([one.where > 0.0 for one in found], axis=0)
-    return [float(np.sqrt(np.mean((one.force - one.after)[both] ** 2))) for one in found]
