@@ -196,10 +196,15 @@ def lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Vector:
     if by_steps or len(stretches(seen > 0.0)) < _FEWEST_OUTLIERS:
         return seen
     residual = force - force_of(fit.model, motion, fit.zeta, fit.theta)
-    places, good = np.arange(residual.size), seen == 0.0
-    beside = np.interp(places, places[good], residual[good])
+    places = np.arange(residual.size)
     used = running_rank(problem.whitener.mask, _ABOUT_OUTLIER, 0.5) > 0.0
-    return np.maximum(seen, outliers(beside, motion.x, noise, dt) * used)
+    while True:
+        good = seen == 0.0
+        beside = np.interp(places, places[good], residual[good])
+        more = outliers(beside, motion.x, noise, dt) * used * good
+        if not np.any(more):
+            return seen
+        seen = np.maximum(seen, more)
 
 
 def without_lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Problem:
