@@ -91,3 +91,28 @@ def test_a_faded_memory_gets_no_past() -> None:
     informed = with_past(problem, problem.solve(model, np.array([0.004, 2.3, 0.1, 0.001])))
     made = predict(problem, informed) - predict(problem, informed.elsewhere)
     assert np.max(np.abs(made)) < 3.0 * problem.motion.scales["force"]
+
+
+@pytest.mark.parametrize("before_s", [0.0, 3.0])
+@pytest.mark.parametrize("pink", [False, True])
+def test_a_held_body_relaxes_from_what_was_done_to_it_before(before_s: float, pink: bool) -> None:
+    """All pasts of such a body were one row; arms of a relaxation stood in for its power law."""
+    dt, order, rng = 8e-3, 0.4, np.random.default_rng(12)
+    t = dt * np.arange(2500)
+    rates = rng.uniform(0.05, 1.5, 7)
+    x = sum(rng.uniform(0.3, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates)
+    x = 1.6e-3 * x / np.max(np.abs(x)) - 0.014
+    stretch = np.concatenate([np.full(round(before_s / dt), 2e-3), x + 0.016])
+    steps = np.arange(1, stretch.size)
+    weights = np.cumprod(np.concatenate([[1.0], (steps - 1 - order) / steps]))  # Gruenwald
+    creeping = np.convolve(stretch, weights)[: stretch.size][-t.size :] * dt**-order
+    noise = rng.standard_normal(t.size)
+    if pink:
+        slow = np.maximum(np.arange(t.size // 2 + 1), 1.0)
+        noise = np.fft.irfft(np.fft.rfft(noise) / np.sqrt(slow), t.size)
+    force = 550.0 * (x + 0.015) + 10.0 * np.gradient(x, dt) + 20.0 * creeping
+    force += 2.5e-3 * noise / np.std(noise)
+    answer = diagnose(from_arrays("stretched", t, x, force), "spring,viscous,bias").answer
+    rivals = [["stress_relaxation"]] if pink else []
+    assert answer["class"] in ([["fractional_relaxation"]], [["fractional_relaxation"], *rivals])
+    assert answer["effects"][0]["parameters"]["order"]["value"] == pytest.approx(order, abs=0.03)

@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _SPIKE = 5  # samples; the spike of a closing play is narrower
+_FOR_EVER = 0.0  # duration of a past in which the tool held the body elsewhere, at rest
 _PASTS_S = (2.0, 0.2, 20.0)
 """Durations [s] of the earlier contacts that are fitted; an effect with one arm uses the first."""
 
@@ -188,18 +189,23 @@ def _traces(effect: Effect, motion: RecordedMotion, eta: Vector) -> list[Vector]
 
     One row (samples,) [effect per unit amplitude] for each fading mode of the memory. In each
     earlier contact the tool was at its largest depth, for another duration; the response of a
-    linear fading memory to other pasts is similar.
+    linear fading memory to other pasts is similar. A body that is held all along may have been at
+    rest elsewhere until then.
     """
 
     def trace(length: float) -> Vector:
-        before = max(1, round(length / motion.dt))
+        before = 1 if length == _FOR_EVER else 1 + max(1, round(length / motion.dt))
         still = np.zeros(before + motion.x.size)
         x = still.copy()
-        x[:before] = motion.scales["travel"]
+        # A memory begins at rest where its first sample is.
+        x[before > 1 : before] = motion.scales["travel"]
         t = motion.dt * np.arange(-before, motion.x.size, dtype=np.float64)
         return run_step(effect, x, still, still, t, motion.dt, eta)[before:]
 
+    pasts = _PASTS_S[: effect.fades]
+    if effect.fades and effect.without_contact:
+        pasts = (_FOR_EVER, *pasts[:-1])
     return [
         motion.remembered((effect.step, length, eta.tobytes()), partial(trace, length))
-        for length in _PASTS_S[: effect.fades]
+        for length in pasts
     ]
