@@ -213,22 +213,6 @@ def test_a_return_spring_that_hides_the_touch_is_named_and_no_layer(middle: floa
     assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(3300.0, rel=0.02)
 
 
-@pytest.mark.parametrize("centre_m", [-4e-4, 5e-4])
-def test_a_clearance_within_which_the_body_does_not_move_is_a_play(centre_m: float) -> None:
-    """A layer on both sides of a spring of zero and a ripple stood in for it."""
-    rng, t = np.random.default_rng(31), 1e-3 * np.arange(8000)
-    rates = rng.uniform(0.3, 5.0, 6)
-    x = sum(rng.uniform(0.3, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates)
-    x = 2e-3 * x / np.max(np.abs(x)) + 0.1
-    beside = x - 0.1 - centre_m
-    moved = beside - np.clip(beside, -2e-4, 2e-4)
-    force = 14_000.0 * moved + 40.0 * np.gradient(moved, t) + 0.03 * rng.standard_normal(t.size)
-    answer = diagnose(from_arrays("joint", t, x, force), "spring,viscous,bias").answer
-    assert answer["class"] == [["backlash"]]
-    gap = answer["effects"][0]["parameters"]["gap"]["value"]
-    assert gap == pytest.approx(4e-4, rel=0.02)
-
-
 def test_a_friction_that_yields_over_a_fifth_of_the_stroke_has_both_names() -> None:
     t = 1e-3 * np.arange(8000)
     x = 1e-3 * np.sin(2.0 * np.pi * 0.7 * t) + 3e-4 * np.sin(2.0 * np.pi * 1.9 * t + 1.0)

@@ -5,14 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import pi, sin
 
-from teleop_rt.contact.effect import (
-    WITHOUT_CONTACT,
-    Amplitude,
-    Effect,
-    Shape,
-    StepFunction,
-    Vector,
-)
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
 from teleop_rt.jit import kernel
 
 
@@ -84,17 +77,6 @@ def _play_from_unloading_flank(
     return _drag(state, x, eta[0], 0.0)
 
 
-@kernel
-def _clearance(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Hold the body still while the tool is within half a gap of the centre."""
-    return float(-min(max(x - eta[1], -0.5 * eta[0]), 0.5 * eta[0]))
-
-
-_GAP = Shape("gap", "{x}", 1e-3, 0.4, 0.02, logarithmic=True, relative_to="travel", points=10)
-
-
 def _play(law: str, step: StepFunction) -> Effect:
     """Declare a play by the flank on which the surface was given."""
     return Effect(
@@ -104,7 +86,9 @@ def _play(law: str, step: StepFunction) -> Effect:
         belongs_to="rig",
         stage="kinematics",
         amplitude=Amplitude("scale", "1", unity=True),
-        shapes=(_GAP,),
+        shapes=(
+            Shape("gap", "{x}", 1e-3, 0.4, 0.02, logarithmic=True, relative_to="travel", points=10),
+        ),
         step=step,
         sentence="A play of {gap} lies between encoder and tip.",
         compensation="mask",
@@ -114,15 +98,6 @@ def _play(law: str, step: StepFunction) -> Effect:
     )
 
 
-_CLEARANCE = replace(
-    _play(WITHOUT_CONTACT, _clearance),  # of a joint to a body that a spring centres
-    shapes=(
-        replace(_GAP, upper=0.8),
-        Shape("centre", "{x}", -0.45, 0.45, 0.0, relative_to="place", points=7),
-    ),
-    sentence="Within a clearance of {gap} about {centre} the tool does not move the body.",
-    state_size=0,
-)
 _SWINGING = Effect(
     name="moving_surface",
     law="swinging",
@@ -203,7 +178,6 @@ EFFECTS = (
     _play("centred", _play_centred),
     _play("from the loading flank", _play_from_loading_flank),
     _play("from the unloading flank", _play_from_unloading_flank),
-    _CLEARANCE,
     Effect(
         name="channel_delay",
         family="delay",

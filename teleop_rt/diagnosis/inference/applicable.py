@@ -56,8 +56,7 @@ def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
 
 
 def _is_of_a_spring(effect: Effect) -> bool:
-    of_family = effect.family in {"relaxation", "stiffening", "lost motion"}
-    return of_family or effect.name == "softening"
+    return effect.family in {"relaxation", "stiffening"} or effect.name == "softening"
 
 
 def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -> bool:
