@@ -184,7 +184,7 @@ def _of_ratio(answer: dict[str, Any], ratio: float) -> list[str]:
     )
     highest = highest_probability(ratio)
     if abs(max(answer["probability"].values(), default=0.0) - highest) > _ROUNDED:
-        return [f"{cause}: {form}"]  # no such bound holds
+        return [f"{cause}: {form}"]  # the error does not bound this probability
     share = f"of answers that leave as much, {100.0 * highest:.0f} % hold the right names"
     return [f"{cause}; {share}: {form}"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _SPIKE = 5  # samples; the spike of a closing play is narrower
-_FOR_EVER = 0.0  # duration of a past in which the tool held the body elsewhere, at rest
+_AT_REST = inf  # duration [s] of a past in which the tool held the body still elsewhere
 _PASTS_S = (2.0, 0.2, 20.0)
 """Durations [s] of the earlier contacts that are fitted; an effect with one arm uses the first."""
 
@@ -194,17 +195,18 @@ def _traces(effect: Effect, motion: RecordedMotion, eta: Vector) -> list[Vector]
     """
 
     def trace(length: float) -> Vector:
-        before = 1 if length == _FOR_EVER else 1 + max(1, round(length / motion.dt))
+        # A memory begins at rest where its first sample is.
+        first, held = (0, 1) if length == _AT_REST else (1, max(1, round(length / motion.dt)))
+        before = first + held
         still = np.zeros(before + motion.x.size)
         x = still.copy()
-        # A memory begins at rest where its first sample is.
-        x[before > 1 : before] = motion.scales["travel"]
+        x[first:before] = motion.scales["travel"]
         t = motion.dt * np.arange(-before, motion.x.size, dtype=np.float64)
         return run_step(effect, x, still, still, t, motion.dt, eta)[before:]
 
     pasts = _PASTS_S[: effect.fades]
     if effect.fades and effect.without_contact:
-        pasts = (_FOR_EVER, *pasts[:-1])
+        pasts = (_AT_REST, *pasts[:-1])
     return [
         motion.remembered((effect.step, length, eta.tobytes()), partial(trace, length))
         for length in pasts
