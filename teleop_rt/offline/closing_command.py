@@ -26,7 +26,13 @@ from teleop_rt.offline.find import refuse_itself
 from teleop_rt.offline.phases import phases
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.write import report_missing_page
-from teleop_rt.trial.folder import make_folder, new_folder, plain_json, recording_of, write_json
+from teleop_rt.trial.folder import (
+    folder_if_filled,
+    new_folder,
+    plain_json,
+    recording_of,
+    write_json,
+)
 from teleop_rt.view.console import output
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.run_folder import FeltOf
@@ -124,9 +130,7 @@ def _on_trial(
     base = asked.base or trial.estimation.models[0]
     load(trial_file, [*changes, f"estimation.models=[{base}]"])  # before anything moves
     own = Path(trial.effects_file) if trial.effects_file else None
-    there_before = asked.out is not None and asked.out.exists()
-    folder = make_folder(asked.out, f"{trial.name}-loop")
-    try:
+    with folder_if_filled(asked.out, f"{trial.name}-loop") as folder:
         return folder, close_loop(
             trial,
             base,
@@ -134,9 +138,6 @@ def _on_trial(
             library(own),
             folder,
         )
-    finally:
-        if not there_before and not any(folder.iterdir()):  # no trial was begun
-            folder.rmdir()
 
 
 def _on_recordings(

@@ -82,36 +82,16 @@ def began_at(folder: Path) -> str | None:
     return None
 
 
-def make_folder(out: Path | None, trial_name: str) -> Path:
-    """Make the run folder; by default runs/<trial>-<time>.
-
-    Raises OutputError where it is not empty, or nothing can be written into it.
-    """
-    folder = out or Path("runs") / f"{trial_name}-{time.strftime('%Y%m%d-%H%M%S')}"
-    attempt = folder
-    number = 1
-    while out is None and attempt.exists():
-        number += 1
-        attempt = folder.with_name(f"{folder.name}-{number}")
-    refuse_filled(attempt)
-    try:
-        attempt.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=attempt):  # it may have been there on a read-only disk
-            pass
-    except OSError as error:
-        raise unwritable(attempt, error) from None
-    return attempt
-
-
 @contextmanager
 def new_folder(out: Path | None, trial_name: str) -> Iterator[Path]:
     """Give the run folder, and take it away again where the run could not even begin.
 
     It stays where something was recorded, and after any error that is not the input's.
+    Raises OutputError where it is not empty, or nothing can be written into it.
     """
-    there_before = out is not None and out.exists()
-    folder = make_folder(out, trial_name)
+    folder, there_before = _free(out, trial_name)
     try:
+        _make(folder)
         yield folder
     except BaseException as error:
         fault = isinstance(error, Exception) and getattr(error, "code", BAD_INPUT) != BAD_INPUT
@@ -120,6 +100,42 @@ def new_folder(out: Path | None, trial_name: str) -> Iterator[Path]:
             if there_before:
                 folder.mkdir(exist_ok=True)
         raise
+
+
+@contextmanager
+def folder_if_filled(out: Path | None, trial_name: str) -> Iterator[Path]:
+    """Give a folder for several runs, and take it away again where nothing was written into it.
+
+    Raises OutputError where it is not empty, or nothing can be written into it.
+    """
+    folder, there_before = _free(out, trial_name)
+    try:
+        _make(folder)
+        yield folder
+    finally:
+        if not there_before and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def _free(out: Path | None, trial_name: str) -> tuple[Path, bool]:
+    """Return a folder that may be written, by default runs/<trial>-<time>; whether it is there."""
+    folder = out or Path("runs") / f"{trial_name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    attempt = folder
+    number = 1
+    while out is None and attempt.exists():
+        number += 1
+        attempt = folder.with_name(f"{folder.name}-{number}")
+    refuse_filled(attempt)
+    return attempt, attempt.exists()
+
+
+def _make(folder: Path) -> None:
+    """Make a folder; called where an interrupt, which may come at once, takes it away again."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()  # it may have been there on a read-only disk
+    except OSError as error:
+        raise unwritable(folder, error) from None
 
 
 def _recorded_anything(folder: Path) -> bool:
