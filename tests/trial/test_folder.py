@@ -21,7 +21,10 @@ class InterruptedAt:
 
     def leave(self) -> None:
         sys.settrace(self._before)
-        self._left = 0
+
+    def press(self) -> None:
+        self.leave()
+        raise KeyboardInterrupt
 
     def _trace(self, frame: FrameType, event: str, _given: Any) -> Any:
         if frame.f_code.co_filename != folder.__file__:
@@ -47,9 +50,8 @@ def test_an_interrupt_at_any_line_before_the_run_begins_leaves_no_folder(
         tracing = InterruptedAt(interrupted_at)
         try:
             with made(out, "trial"):
-                tracing.leave()
                 began = True
-                raise KeyboardInterrupt
+                tracing.press()
         except KeyboardInterrupt:
             tracing.leave()
         assert list(tmp_path.rglob("*")) == [out] * there_before, f"at line {interrupted_at}"
