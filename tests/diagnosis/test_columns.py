@@ -70,3 +70,73 @@ def test_the_surface_beside_a_table_is_in_the_unit_and_sign_of_its_position(
     beside.write_text("surface: .nan\n")
     with pytest.raises(RecordingError, match="surface"):
         load(path)
+
+
+def test_a_line_of_units_below_names_with_the_same_units_changes_nothing(tmp_path: Path) -> None:
+    path = table(tmp_path / "a.csv", "t_s", "x_mm", "F_N")
+    names, rest = path.read_text().split("\n", 1)
+    path.write_text(f"{names}\ns,mm,N\n{rest}")
+    found = load(path)
+    assert found.position == pytest.approx(1e-3 * X)
+    assert load(path, layout_of(path, {"position": "-x_mm"})).position == pytest.approx(-1e-3 * X)
+
+
+def test_names_with_two_units_are_all_refused_until_the_true_one_is_stated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv", "t_s", "x_m [mm]", "F_kN [N]")
+    with pytest.raises(RecordingError) as raised:
+        load(path)
+    assert "two units of x_m [mm] (mm or m?), F_kN [N] (N or kN?): " in str(raised.value)
+    assert "--units position=mm force=N" in str(raised.value)
+    for units, factor in (({"position": "mm", "force": "N"}, 1e-3), ({"position": "m"}, 1.0)):
+        found = load(path, layout_of(path, units={"force": "N", **units}))
+        assert found.position == pytest.approx(factor * X)
+        assert found.force == pytest.approx(FORCE)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_unit_that_is_stated_counts_before_the_names_and_both_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv", "t_s", "x_mm", "F_kN")
+    found = load(path, layout_of(path, units={"force": "N", "position": "mm"}))
+    assert found.force == pytest.approx(FORCE)
+    said = capsys.readouterr().err
+    assert said == f"{path}: F_kN is read with the unit N, as stated, in place of kN, as named\n"
+
+
+@pytest.mark.parametrize(
+    ("names", "cause", "options"),
+    [
+        (
+            ("clock", "x_mm", "Cell", "pos_mm"),
+            "no column for time and force; x_mm, pos_mm could each be the position;",
+            "--columns time=NAME force=NAME position=NAME,",
+        ),
+        (
+            ("t_s", "x_ft", "wrench"),
+            "no column for force; unknown unit of x_ft (unit 'ft'): give its factor",
+            "--columns position=x_ft force=NAME --units position=FACTOR,",
+        ),
+        (("t_s", "pos_z", "F_N"), "no column for position; ", "--columns position=pos_z,"),
+        (
+            ("Time [Sek.]", "Distance [mm]", "F_N"),
+            "unknown unit of Time [Sek.] (unit 'Sek.'): give its factor to s,",
+            "--columns 'time=Time [Sek.]' --units time=FACTOR,",
+        ),
+    ],
+)
+def test_all_that_lacks_is_listed_at_once_with_what_there_is_and_options_to_paste(
+    tmp_path: Path, names: tuple[str, ...], cause: str, options: str
+) -> None:
+    with pytest.raises(RecordingError) as raised:
+        load(table(tmp_path / "a.csv", *names))
+    assert cause in str(raised.value)
+    assert f"there are: {', '.join(names)}; write {options}" in str(raised.value)
+    assert str(raised.value).endswith(" with --rate") == ("time" in options)
+
+
+def test_the_seconds_and_distance_of_a_texture_analyser_are_found(tmp_path: Path) -> None:
+    found = load(table(tmp_path / "a.csv", "Time [sec.]", "Distance [mm]", "Force [N]"))
+    assert found.position == pytest.approx(1e-3 * X)

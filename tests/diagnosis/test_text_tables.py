@@ -85,7 +85,9 @@ def test_a_header_of_labview_is_no_table(tmp_path: Path, rows: np.ndarray) -> No
 def test_columns_by_blanks_without_names_are_numbered(tmp_path: Path, rows: np.ndarray) -> None:
     head = ["# setpoint: 25 nN", "# units: nm nN"]
     path = written(tmp_path / "curve.txt", head + lines(rows[:, 1:], " "))
-    with pytest.raises(RecordingError, match=r"there are: column1, column2; name it with"):
+    with pytest.raises(
+        RecordingError, match=r"there are: column1, column2; write --columns time=NAME"
+    ):
         load(path)
     layout = layout_of(path, {"position": "column1", "force": "column2"}, rate_hz=RATE_HZ)
     np.testing.assert_allclose(load(path, layout).force, rows[:, 2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 import shlex
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,23 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.recordings.column_names import (
+    columns_named,
+    foreign_unit,
+    may_be,
+    without_each_unit,
+    without_units,
+)
 from teleop_rt.diagnosis.recordings.columns_file import ColumnsFile, load_columns
 from teleop_rt.diagnosis.recordings.units import ANGLES, UNITS, factor_of
 from teleop_rt.errors import RecordingError
 
-_NAMES = {
-    "time": {"t", "time", "timestamp"},
-    "position": {"position", "pos", "x", "angle", "displacement"},
-    "force": {"force", "f", "F", "torque"},
-    "surface": {"surface"},
-}
-_SENSORS = {
-    "time": {"elapsed", "elapsed_time", "datetime", "date/time", "zeit", "pr\u00fcfzeit"},
-    "position": {"encoder", "stroke", "travel", "depth", "indentation", "disp", "extension", "weg",
-                 "standardweg"},
-    "force": {"load", "load_cell", "loadcell", "fz", "kraft", "standardkraft"},
-}  # fmt: skip
-"""Names that are taken for a role where no column has a name of the quantity itself."""
+_NEEDED = ("time", "position", "force")
 
 
 @dataclass(frozen=True)
@@ -91,23 +87,54 @@ def layout_of(
 def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
     """Return the columns by role, which are given or follow from their names.
 
-    Raises RecordingError if a given column or unit is unknown, if two names fit one role, and if
-    there is no position or no force.
+    Raises RecordingError if a given column or unit is unknown, if two names fit one role, if the
+    name of a column states two units, and if there is no time (nor a rate), position or force.
     """
-    found = {}
-    for role in UNITS:
-        name = layout.columns.get(role) or _column_named(path, table, role)
-        if name is not None:
-            found[role] = _column(path, table, role, name, layout.units.get(role))
-    if lacking := [role for role in ("position", "force") if role not in found]:
-        _refuse_foreign_unit(path, table, lacking)
-        if "time" not in found and layout.rate_hz is None:
-            lacking.insert(0, "time")
-        raise RecordingError(
-            f"{path}: no column for {_listed(lacking)}; there are: {', '.join(table)}; name it"
-            f" with {_flags(table, lacking)} or in {path.stem}.columns.yaml"
-        )
-    return found
+    named = {
+        role: [layout.columns[role]] if role in layout.columns else columns_named(table, role)
+        for role in UNITS
+    }
+    _refuse_unclear(path, table, layout, named)
+    columns = {
+        role: _in_full(path, table, role, names[0]) for role, names in named.items() if names
+    }
+    _compare_units(path, columns, layout.units)
+    return {
+        role: _column(path, table, role, name, layout.units.get(role))
+        for role, name in columns.items()
+    }
+
+
+def _refuse_unclear(
+    path: Path, table: Mapping[str, Vector], layout: Layout, named: Mapping[str, Sequence[str]]
+) -> None:
+    """Raise RecordingError with all roles that lack a column, or that several columns could have.
+
+    The message gives what there is, and the options to complete and to paste.
+    """
+    needed = [role for role in _NEEDED if role != "time" or layout.rate_hz is None]
+    lacking = [role for role in needed if not named[role]]
+    several = {role: names for role, names in named.items() if len(names) > 1}
+    if not lacking and not several:
+        return
+    foreign = {
+        role: (name, unit)
+        for role in lacking
+        for name in table
+        if (unit := foreign_unit(name, role)) is not None
+    }
+    nothing = [role for role in lacking if role not in foreign]
+    causes = [f"no column for {_listed(nothing)}"] if nothing else []
+    causes += [f"{', '.join(names)} could each be the {role}" for role, names in several.items()]
+    if foreign:
+        units = ", ".join(f"{name} (unit {unit!r})" for name, unit in foreign.values())
+        causes.append(f"unknown unit of {units}: give its factor to s, m, rad, N or Nm")
+    rate = ", or give the samples per second with --rate" if "time" in lacking else ""
+    raise RecordingError(
+        f"{path}: {'; '.join(causes)}; there are: {', '.join(table)}; write"
+        f" {_options(table, [*lacking, *several], foreign)}, or name them in"
+        f" {path.stem}.columns.yaml{rate}"
+    )
 
 
 def _listed(roles: Sequence[str]) -> str:
@@ -116,88 +143,35 @@ def _listed(roles: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _flags(table: Mapping[str, Vector], lacking: Sequence[str]) -> str:
-    """Return the flags that name the columns of these roles, with those that may be meant.
+def _options(
+    table: Mapping[str, Vector], roles: Sequence[str], foreign: Mapping[str, tuple[str, str]]
+) -> str:
+    """Return the options that name the columns of these roles, with those that may be meant.
 
     A motor's current is none, but gives a force with the motor's constant.
     """
-    meant = {role: [name for name in table if _may_be(name, role)] for role in lacking}
+    meant = {role: [name for name in table if may_be(name, role)] for role in roles}
+    meant |= {role: [name] for role, (name, _) in foreign.items()}
     given = [f"{role}={names[0] if len(names) == 1 else 'NAME'}" for role, names in meant.items()]
-    flags = f"--columns {' '.join(shlex.quote(text) for text in given)}"
+    options = f"--columns {' '.join(shlex.quote(text) for text in given)}"
+    if foreign:
+        options += f" --units {' '.join(f'{role}=FACTOR' for role in foreign)}"
     current = next((n for n in table if re.search(r"current|(_|\[|\(|/)m?A[\])]?$", n)), None)
-    if "force" in lacking and not meant["force"] and current is not None:
+    if "force" in roles and not meant["force"] and current is not None:
         force = shlex.quote(f"force={current}")
-        flags += f" (for a motor's current: {force} --units force=NEWTON_PER_UNIT)"
-    return flags
+        options += f" (for a motor's current: {force} --units force=NEWTON_PER_UNIT)"
+    return options
 
 
-def _may_be(name: str, role: str) -> bool:
-    """Return whether a word in a column's name, or its unit, is one of a role's."""
-    plain, unit = _without_unit(name, role)
-    words = {word for word in re.split(r"[^a-z]+", plain.lower()) if len(word) > 1}
-    known = _NAMES[role] | _SENSORS[role]
-    return unit is not None or bool(words & known)
-
-
-def _refuse_foreign_unit(path: Path, table: Mapping[str, Vector], roles: list[str]) -> None:
-    """Raise RecordingError where a column lacks its role only because its unit is unknown."""
-    found = [
-        (role, name, found_unit[2])
-        for role in roles
-        for name in table
-        if (found_unit := re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W_]{1,4})[\])]?", name))
-        and found_unit[1].lower() in _NAMES[role]
-    ]
-    if found:
-        cause = ", ".join(f"{name} (unit {unit!r})" for _, name, unit in found)
-        columns = " ".join(f"--columns {role}={name}" for role, name, _ in found)
-        units = " ".join(f"--units {role}=FACTOR" for role, _, _ in found)
-        raise RecordingError(
-            f"{path}: unknown unit of {cause}; give its factor to m, rad, N or Nm:"
-            f" {columns} {units}"
-        )
-
-
-def _column_named(path: Path, table: Mapping[str, Vector], role: str) -> str | None:
-    """Return the one column whose name fits the role, None if there is none."""
-    plain = {name: _without_unit(name, role)[0] for name in table if table[name].size > 1}
-    # A capital letter alone is another quantity (T a period), a capital in a word is not.
-    plain = {
-        name: word if len(word) == 1 else word.lower().replace(" ", "_")
-        for name, word in plain.items()
-    }
-    known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
-    known = known or [name for name, word in plain.items() if word in _SENSORS.get(role, ())]
-    # A letter alone may be anything beside a word; one with a unit is as good as a word.
-    long = [name for name in known if len(plain[name]) > 1 or name != plain[name]]
-    if len(long or known) > 1:
-        raise RecordingError(
-            f"{path}: {', '.join(long or known)} could each be the {role}; say which with"
-            f" --columns {role}=NAME or in {path.stem}.columns.yaml"
-        )
-    return next(iter(long or known), None)
-
-
-def _without_unit(name: str, role: str) -> tuple[str, str | None]:
-    """Return a name and the unit that it ends with: x_mm, x [mm], x (mm), x/mm, x in mm."""
-    units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
-    match = re.fullmatch(
-        rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\)|\s*/\s*({units})|\s+in\s+({units}))",
-        name,
-    )
-    if match is None:
-        return name, None
-    return match[1], next(unit for unit in match.groups()[1:] if unit is not None)
-
-
-def _in_full(path: Path, table: Mapping[str, Vector], role: str, name: str) -> str:
-    """Return the column of this name, or the one that has it before its unit."""
+def _in_full(path: Path, table: Mapping[str, Vector], role: str, given: str) -> str:
+    """Return the column of this name, or the one that has it before its unit, with its minus."""
+    sign, name = ("-", given[1:]) if given.startswith("-") else ("", given)
     if name in table:
-        return name
-    alike = [column for column in table if _without_unit(column, role)[0] == name]
+        return given
+    alike = [column for column in table if name in without_each_unit(column, role)]
     if len(alike) == 1:
-        return alike[0]
-    known = {_without_unit(column, role)[0]: column for column in table}
+        return sign + alike[0]
+    known = {without_units(column, role)[0]: column for column in table}
     known |= {column: column for column in table}
     near = [] if alike else difflib.get_close_matches(name, known, n=1)
     meant = f" did you mean {known[near[0]]!r}?" if near else ""
@@ -206,12 +180,39 @@ def _in_full(path: Path, table: Mapping[str, Vector], role: str, name: str) -> s
     )
 
 
+def _compare_units(
+    path: Path, columns: Mapping[str, str], stated: Mapping[str, str | float]
+) -> None:
+    """Print where the unit that is stated differs from the name's: the stated one counts.
+
+    Raises RecordingError where a name has two units that differ, and none is stated.
+    """
+    two = {}
+    for role, name in columns.items():
+        units = without_units(name, role)[1]
+        if role not in stated:
+            if len({factor_of(role, unit) for unit in units}) > 1:
+                two[role] = units
+        elif units and stated[role] not in units:
+            print(
+                f"{path}: {name} is read with the unit {stated[role]}, as stated, in place of"
+                f" {units[0]}, as named",
+                file=sys.stderr,
+            )
+    if two:
+        names = ", ".join(f"{columns[role]} ({' or '.join(units)}?)" for role, units in two.items())
+        options = " ".join(f"{role}={units[0]}" for role, units in two.items())
+        raise RecordingError(
+            f"{path}: two units of {names}: state the true one, as --units {options},"
+            f" or in {path.stem}.columns.yaml"
+        )
+
+
 def _column(
     path: Path, table: Mapping[str, Vector], role: str, name: str, unit: str | float | None
 ) -> Column:
     sign, plain = (-1.0, name[1:]) if name.startswith("-") else (1.0, name)
-    plain = _in_full(path, table, role, plain)
-    unit = unit or _without_unit(plain, role)[1]
+    unit = unit or next(iter(without_units(plain, role)[1]), None)
     try:
         factor = 1.0 if unit is None else factor_of(role, unit)
     except ValueError as error:

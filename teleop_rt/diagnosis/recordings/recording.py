@@ -90,13 +90,9 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
                 f" {path.stem}.columns.yaml"
             )
         time = found["time"].values - found["time"].values[:1]
-    elif layout.rate_hz is not None:
+    else:  # else `columns_of` has refused it
+        assert layout.rate_hz is not None  # noqa: S101
         time = np.arange(position.values.size) / layout.rate_hz
-    else:
-        raise RecordingError(
-            f"{path}: no column for time; there are: {', '.join(table)}; name it with --columns"
-            " time=NAME, or give the samples per second with --rate"
-        )
     reference = found.get("reference")
     columns = {"time": time, "position": position.values, "force": force.values}
     columns |= {} if reference is None else {"reference": reference.values}

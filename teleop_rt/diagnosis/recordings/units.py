@@ -30,8 +30,10 @@ _TORQUES |= {unit.replace("N", f"N{mark}"): factor for unit, factor in _TORQUES.
              for mark in (" ", "*", "\u00b7", ".")}  # fmt: skip
 _POSITIONS = _LENGTHS | ANGLES
 _SPEEDS = {f"{u}{per}s": f for u, f in _POSITIONS.items() for per in ("/", "_per_", "_")}
+_TIMES = {**_prefixed("s", "m", *_MICRO, "n"), **dict.fromkeys(("sec", "sec.", "seconds"), 1.0),
+          "min": 60.0, "h": 3600.0}  # fmt: skip
 UNITS: dict[str, dict[str, float]] = {
-    "time": {**_prefixed("s", "m", *_MICRO, "n"), "sec": 1.0, "min": 60.0, "h": 3600.0},
+    "time": _TIMES,
     "position": _POSITIONS,
     "force": _FORCES | _TORQUES,
     "velocity": _SPEEDS,

@@ -1,0 +1,84 @@
+"""Names of columns: the quantity that a name states, and the units that it ends with."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.recordings.units import UNITS
+
+_NAMES = {
+    "time": {"t", "time", "timestamp"},
+    "position": {"position", "pos", "x", "angle", "displacement"},
+    "force": {"force", "f", "F", "torque"},
+    "surface": {"surface"},
+}
+_SENSORS = {
+    "time": {"elapsed", "elapsed_time", "datetime", "date/time", "zeit", "pr\u00fcfzeit"},
+    "position": {"encoder", "stroke", "travel", "distance", "depth", "indentation", "disp",
+                 "extension", "weg", "standardweg"},
+    "force": {"load", "load_cell", "loadcell", "fz", "kraft", "standardkraft"},
+}  # fmt: skip
+"""Names that are taken for a role where no column has a name of the quantity itself."""
+_AXES = {"x", "y", "z", "rx", "ry", "rz"}
+"""Ends of names that state an axis and no unit."""
+
+
+def columns_named(table: Mapping[str, Vector], role: str) -> list[str]:
+    """Return the columns whose names fit the role: one, none, or several that each could be it."""
+    plain = {name: without_units(name, role)[0] for name in table if table[name].size > 1}
+    # A capital letter alone is another quantity (T a period), a capital in a word is not.
+    plain = {
+        name: word if len(word) == 1 else word.lower().replace(" ", "_")
+        for name, word in plain.items()
+    }
+    known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
+    known = known or [name for name, word in plain.items() if word in _SENSORS.get(role, ())]
+    # A letter alone may be anything beside a word; one with a unit is as good as a word.
+    return [name for name in known if len(plain[name]) > 1 or name != plain[name]] or known
+
+
+def without_units(name: str, role: str) -> tuple[str, list[str]]:
+    """Return a name without the units that it ends with, the last first, and these units.
+
+    x_mm, x [mm], x (mm), x/mm and x in mm have one. `x_mm [mm]`, as a line of units below the names
+    gives it, has two.
+    """
+    plain, units = _without_unit(name, role)
+    if units and name.endswith(("]", ")")):
+        plain, inner = _without_unit(plain, role)
+        units += inner
+    return plain, units
+
+
+def without_each_unit(name: str, role: str) -> list[str]:
+    """Return a name without the unit at its end, and without the two."""
+    return [_without_unit(name, role)[0], without_units(name, role)[0]]
+
+
+def _without_unit(name: str, role: str) -> tuple[str, list[str]]:
+    units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
+    match = re.fullmatch(
+        rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\)|\s*/\s*({units})|\s+in\s+({units}))",
+        name,
+    )
+    if match is None:
+        return name, []
+    return match[1], [unit for unit in match.groups()[1:] if unit is not None]
+
+
+def foreign_unit(name: str, role: str) -> str | None:
+    """Return the unknown unit for which alone a column lacks its role, None if that is not so."""
+    found = re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W\d_]{1,7}\.?)[\])]?", name)
+    if found is None or found[1].lower() not in _NAMES[role] | _SENSORS[role]:
+        return None
+    return None if found[2].lower() in {*_AXES, *UNITS[role]} else found[2]
+
+
+def may_be(name: str, role: str) -> bool:
+    """Return whether a word in a column's name, or its unit, is one of a role's."""
+    plain, units = without_units(name, role)
+    words = {word for word in re.split(r"[^a-z]+", plain.lower()) if len(word) > 1}
+    known = _NAMES[role] | _SENSORS[role]
+    return bool(units) or bool(words & known)
