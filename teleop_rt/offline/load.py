@@ -16,7 +16,7 @@ from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.diagnosis.recordings.layout import layout_of
 from teleop_rt.diagnosis.recordings.recording import (
     Recording,
-    from_arrays,
+    from_columns,
     last_known,
     load,
     without_lag,
@@ -156,20 +156,19 @@ def load_any(path: Path, table: Table) -> Recording:
     surface = last_known(slave["surface"])
     if settings.paired_lag_s is not None:
         position, force, fresh, stamps = _samples(slave, settings)
-        stamps, position, force = stamps[fresh], position[fresh], force[fresh]
     else:
-        fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
-        stamps = slave["sample_stamp_ns"][fresh]
-        position, force = slave["position"][fresh], slave["force"][fresh]
-    del slave, fresh  # copies were taken: of an hour the columns fill more memory than the rest
-    time_s = (stamps - stamps[0]) * 1e-9
-    del stamps
-    force = without_lag(time_s, force, settings.force_lag_s)
-    return from_arrays(
+        stamps, position, force = (
+            slave.pop(name) for name in ("sample_stamp_ns", "position", "force")
+        )
+        fresh = (slave["valid"] > 0) & (np.diff(stamps, prepend=-1.0) > 0)
+    del slave  # of an hour the columns fill more memory than the rest
+    columns = {"time": stamps[fresh], "position": position[fresh], "force": force[fresh]}
+    del stamps, position, force, fresh
+    columns["time"] = (columns["time"] - columns["time"][0]) * 1e-9
+    columns["force"] = without_lag(columns["time"], columns["force"], settings.force_lag_s)
+    return from_columns(
         path.name,
-        time_s,
-        position,
-        force,
+        columns,
         units=(metadata["position_unit"], metadata["force_unit"]),
         surface=surface,
     )

@@ -11,6 +11,7 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
+from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import refuse_other_units
 from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.drafting import write_draft
@@ -21,6 +22,7 @@ from teleop_rt.offline.replay import Choice, replay, write_trace
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.weak_force import weak_force
 from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.realtime.scheduling import give_back_compiler
 from teleop_rt.trial.folder import recording_of
 
 
@@ -119,6 +121,7 @@ class Diagnosing:
         """Return the diagnosis' answer, without what it took: the same data, the same answer."""
         path = recording_of(recording)
         enter(f"reading {recording.name}")
+        give_back_compiler()  # what its kernels need of it is read again, two fifths of it
         if self.test is not None:
             refuse_itself(path, recording_of(self.test))
         loaded = load_any(path, self.table)
@@ -126,8 +129,9 @@ class Diagnosing:
         if self.test is not None:
             unseen = load_any(recording_of(self.test), self.table)
             refuse_other_units(unseen, loaded)
-        # Before the diagnosis: both look at all of an hour, and need as much room as its columns.
+        # Before the diagnosis, which takes as much memory as an hour's columns, and needs a part.
         hints = (exchanged(loaded), weak_force(loaded) if path.suffix != ".mcap" else None)
+        loaded, _ = most_active(loaded)
         found = diagnose(
             loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
         )

@@ -13,6 +13,7 @@ from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.recordings.excerpt import most_active
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.extras import install_command
 from teleop_rt.yaml_file import read_yaml
@@ -58,9 +59,9 @@ def report_missing_page() -> None:
 
 def _surface(found: Diagnosis, recording: Recording) -> float:
     """Return where the surface was taken to be, in the recording's own coordinate."""
-    start = round(found.answer["part"]["from_s"] / recording.dt)
+    part, _ = most_active(recording)
     x = found.problem.motion.x
-    return float(np.median(recording.position[start : start + x.size] - x))
+    return float(np.median(part.position[: x.size] - x))
 
 
 def _write_motion(path: Path, experiment: Experiment, surface: float, column: str) -> None:

@@ -13,6 +13,7 @@ from scipy import fft, interpolate, ndimage, signal
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.least_squares import solution, within_bounds
 from teleop_rt.diagnosis.models.simulate import first_order
+from teleop_rt.diagnosis.recordings.resampling import Grid, bends, on_spline, resampled
 from teleop_rt.diagnosis.samples.filters import (
     butterworth,
     fast_length,
@@ -20,7 +21,6 @@ from teleop_rt.diagnosis.samples.filters import (
     gaussian,
     local_polynomial,
     running_rank,
-    spline,
 )
 
 ROWS = np.cumsum(np.random.default_rng(1).standard_normal((2, 3000)), axis=1)
@@ -54,7 +54,9 @@ def test_the_spline_of_uneven_samples_is_a_cubic_one() -> None:
     t = np.arange(3000.0) + np.random.default_rng(2).uniform(-0.3, 0.3, 3000)
     places = np.linspace(5.0, 2990.0, 7000)
     wanted = interpolate.CubicSpline(t, ROWS[0], bc_type="natural")(places)
-    np.testing.assert_allclose(spline(places, t, ROWS[0]), wanted, atol=1e-9 * np.ptp(wanted))
+    np.testing.assert_allclose(
+        on_spline(places, t, ROWS[0], bends(t, ROWS[0])), wanted, atol=1e-9 * np.ptp(wanted)
+    )
 
 
 def test_the_memory_of_first_order_is_a_recursive_filter() -> None:
@@ -126,9 +128,9 @@ def test_a_diagnosis_loads_no_scipy() -> None:
     assert found.stdout.strip() == "[]"
 
 
-def test_a_spline_through_a_long_row_is_the_same_where_its_pieces_meet() -> None:
+def test_a_long_row_is_resampled_by_the_same_spline_where_its_pieces_meet() -> None:
     t = np.cumsum(0.8 + 0.4 * np.random.default_rng(7).random(250_000))
     row = np.sin(0.2 * t)
-    places = t[0] + 0.37 + np.arange(2 * t.size - 2) * 0.49
-    expected = interpolate.CubicSpline(t, row, bc_type="natural")(places)
-    assert spline(places, t, row) == pytest.approx(expected, abs=1e-9)
+    grid = Grid(float(t[0]), 1.0, int(t[-1] - t[0]))
+    expected = interpolate.CubicSpline(t, row, bc_type="natural")(grid.part(slice(0, grid.size)))
+    assert resampled(grid, t, row) == pytest.approx(expected, abs=1e-9)

@@ -332,6 +332,10 @@ def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
     assert part.position.size == MOST_SAMPLES
     assert 190.0 < start < 225.0
     np.testing.assert_array_equal(part.position, x[round(start * 1e3) :][:MOST_SAMPLES])
+    again, start_again = most_active(part)
+    assert start_again == start
+    np.testing.assert_array_equal(again.position, part.position)
+    assert part.position.base is None, "the whole stays in memory"
 
 
 @pytest.mark.parametrize("size", [2003, 9973, 21_875])

@@ -21,7 +21,8 @@ def most_active(recording: Recording) -> tuple[Recording, float]:
     It has at most 30 000 samples: the busiest half minute of an hour shows all effects except a
     slower drift. The length is rounded down by at most a few hundredths so that it has small prime
     factors, and so has a fourth of it where a search takes every fourth sample: other lengths make
-    Fourier transforms ten times slower.
+    Fourier transforms ten times slower. A part is copied, so that the whole need not stay in
+    memory, and is its own most active part.
     """
     available = min(recording.position.size, MOST_SAMPLES)
     every = _DECIMATED if recording.dt < _DECIMATED_PERIOD_S else 1
@@ -38,9 +39,10 @@ def most_active(recording: Recording) -> tuple[Recording, float]:
     reference = recording.reference
     chosen = replace(
         recording,
-        position=recording.position[part],
-        force=recording.force[part],
-        mask=recording.mask[part],
-        reference=None if reference is None else reference[part],
+        position=recording.position[part].copy(),
+        force=recording.force[part].copy(),
+        mask=recording.mask[part].copy(),
+        reference=None if reference is None else reference[part].copy(),
+        start_s=recording.start_s + best * recording.dt,
     )
-    return chosen, best * recording.dt
+    return chosen, chosen.start_s

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
+from teleop_rt.diagnosis.recordings.resampling import GAP, Grid, covered, resampled
 from teleop_rt.diagnosis.recordings.table_files import read_table
-from teleop_rt.diagnosis.samples.filters import pieces, spline
+from teleop_rt.diagnosis.samples.filters import pieces
 from teleop_rt.diagnosis.samples.rows import Stretch, lone, quantisation_step, stretches
 from teleop_rt.errors import RecordingError
 from teleop_rt.section import LEAST, MOST
 
+_NEEDED = ("time", "position", "force")
 MIN_SAMPLES = 300  # fewer cannot separate noise and effect
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _SLOWEST_STATED_HZ = 2.0  # Hz; a testing machine's, where the unit of time is stated
@@ -25,7 +27,6 @@ _SHORTEST_S = 0.2  # s: ten of the windows of 20 ms in which velocities are foun
 _CLOCK_FITS = 3  # of a line through the stamps; the ticks change no more after the second
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
 """An even grid has at most so many points for each sample, and so many more: gaps are few."""
-_GAP = 1.75  # periods from one sample to the next; one is missing where there are more
 _SHORT_GAP = 3  # samples that a cubic bridges better than a line, at the usual windows
 _SMOOTHER = 0.5  # of the other's third differences; interpolation alone smooths noise to 0.7
 
@@ -38,7 +39,8 @@ class Recording:
     presses on it. `surface` is what the recording itself says, None where it says nothing; `jitter`
     is how far samples were taken from where they lie now, as a share of their period;
     `units_stated` where the file or the user says the units of position and force; `force_step` is
-    the step in which the force was read before it was resampled, 0 where none is seen.
+    the step in which the force was read before it was resampled, 0 where none is seen; `start_s` is
+    when a part of a longer recording begins in it.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Recording:
     jitter: float = 0.0
     units_stated: bool = False
     force_step: float = 0.0
+    start_s: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -98,13 +101,12 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     columns |= {} if reference is None else {"reference": reference.values}
     _refuse_other_lengths(path.name, columns)
     fresh = _fresh(path, table, layout, time)
-    made = from_arrays(
+    columns = {role: column[fresh] for role, column in columns.items()}
+    columns["force"] = without_lag(columns["time"], columns["force"], layout.force_lag_s)
+    made = from_columns(
         path.name,
-        time[fresh],
-        position.values[fresh],
-        without_lag(time[fresh], force.values[fresh], layout.force_lag_s),
+        columns,
         units=("rad", "Nm") if position.rotary else ("m", "N"),
-        reference=None if reference is None else reference.values[fresh],
         surface=_surface(found, layout),
         slowest_hz=_SLOWEST_STATED_HZ if stated else _SLOWEST_HZ,
     )
@@ -168,34 +170,53 @@ def from_arrays(
     Samples that come slower than `slowest_hz` are taken for times in a wrong unit.
     Raises RecordingError where nothing can be found out from them.
     """
-    good = _usable(name, time, position, force)
+    columns = {"time": time, "position": position, "force": force}
+    columns |= {} if reference is None else {"reference": reference}
+    return from_columns(name, columns, units=units, surface=surface, slowest_hz=slowest_hz)
+
+
+def from_columns(
+    name: str,
+    columns: dict[str, Vector],
+    *,
+    units: tuple[str, str] = ("m", "N"),
+    surface: float | None = None,
+    slowest_hz: float = _SLOWEST_HZ,
+) -> Recording:
+    """Return the same of columns by their role, which are taken out: an hour's would be held twice.
+
+    Raises RecordingError where nothing can be found out from them.
+    """
+    good = _usable(name, *(columns[role] for role in _NEEDED))
     if not good.all():  # else no copies
-        time, position, force = time[good], position[good], force[good]
-        reference = None if reference is None else reference[good]
-    dt = _period(name, time, slowest_hz)
-    _refuse_nothing_to_learn(name, position, force)
-    t, dt = _clock(time, dt, position)
-    grid = t[0] + dt * np.arange(round(float(t[-1] - t[0]) / dt) + 1)
-    mask = _covered(grid, t, dt)
+        columns |= {role: column[good] for role, column in columns.items()}
+    dt = _period(name, columns["time"], slowest_hz)
+    _refuse_nothing_to_learn(name, columns["position"], columns["force"])
+    t, dt = _clock(columns.pop("time"), dt, columns["position"])
+    grid = Grid(float(t[0]), dt, round(float(t[-1] - t[0]) / dt) + 1)
+    mask = covered(grid, t)
     if float(np.mean(mask)) < 0.5:
         raise RecordingError(
             f"{name}: gaps make up more than half of the recording; record again, or keep only a"
             " part without them"
         )
     gaps = stretches(mask == 0.0)
+    jitter, force_step = _jitter(t, dt), quantisation_step(columns["force"])
+    even = {role: resampled(grid, t, columns.pop(role)) for role in tuple(columns)}
+    _bend(even["position"], mask)
     return Recording(
         name,
         dt,
-        _bent(_resampled(grid, t, position), mask),
-        _resampled(grid, t, force),
+        even["position"],
+        even["force"],
         mask,
         units,
         surface,
-        None if reference is None else _resampled(grid, t, reference),
+        even.get("reference"),
         gaps=len(gaps),
         missing=sum(past - first for first, past in gaps),
-        jitter=float(np.std((t - t[0]) / dt - np.round((t - t[0]) / dt))),
-        force_step=quantisation_step(force),
+        jitter=jitter,
+        force_step=force_step,
     )
 
 
@@ -273,9 +294,12 @@ def _clock(t: Vector, dt: float, position: Vector) -> tuple[Vector, float]:
     of the jitter, which adds up, and a line through them is not. The samples lie on that line, or
     where the stamps say if only the stamps were late: so as the position is the smoother.
     """
-    steps = np.diff(t, prepend=t[0]) / dt
-    ticks = np.cumsum(np.where(steps < _GAP, steps > 0.0, np.round(steps)))
+    steps = np.diff(t, prepend=t[0])
+    steps /= dt
+    ticks = np.round(steps)
+    np.copyto(ticks, steps > 0.0, where=steps < GAP)
     del steps
+    np.cumsum(ticks, out=ticks)
     elapsed = t - t[0]
     for _ in range(_CLOCK_FITS):
         period, start = _line(ticks, elapsed)
@@ -289,6 +313,13 @@ def _clock(t: Vector, dt: float, position: Vector) -> tuple[Vector, float]:
     del ticks, elapsed
     as_stamped, as_ticked = (_roughness(times, position, even[0], period) for times in (t, even))
     return (t if as_stamped < _SMOOTHER * as_ticked else even), period
+
+
+def _jitter(t: Vector, dt: float) -> float:
+    """Return how far times lie from the ticks of a clock, as a share of its period."""
+    off = (t - t[0]) / dt
+    off -= np.round(off)
+    return float(np.std(off))
 
 
 def _roughness(t: Vector, position: Vector, first: float, period: float) -> float:
@@ -309,31 +340,12 @@ def _line(x: Vector, y: Vector) -> tuple[float, float]:
     return slope, float(np.mean(y)) - slope * middle
 
 
-def _resampled(grid: Vector, t: Vector, row: Vector) -> Vector:
-    """Return `row` on the grid, unchanged where its samples lie there.
-
-    By a cubic where the samples are close: a line cuts what bends between them, and makes of it a
-    force that comes late. By a line over gaps.
-    """
-    period = float(grid[1] - grid[0])
-    if t.size == grid.size and float(np.max(np.abs(t - grid))) < 1e-6 * period:
-        return row.copy()
-    found, close = spline(grid, t, row), np.diff(t) < _GAP * period
-    for part in pieces(grid.size):
-        here = grid[part]
-        before = np.clip(np.searchsorted(t, here), 1, t.size - 1) - 1
-        found[part] = np.where(close[before], found[part], np.interp(here, t, row))
-    return found
-
-
-def _bent(position: Vector, mask: Vector) -> Vector:
-    """Return the position with short gaps bridged by a cubic, as movement bends, not by a line."""
-    found = position.copy()
+def _bend(position: Vector, mask: Vector) -> None:
+    """Bridge short gaps of the position by a cubic, as movement bends, not by a line."""
     for first, past in short_gaps(mask):
         around = np.array([first - 2, first - 1, past, past + 1])
         cubic = np.polyfit(around - first, position[around], 3)
-        found[first:past] = np.polyval(cubic, np.arange(past - first))
-    return found
+        position[first:past] = np.polyval(cubic, np.arange(past - first))
 
 
 def short_gaps(mask: Vector) -> list[Stretch]:
@@ -346,14 +358,3 @@ def short_gaps(mask: Vector) -> list[Stretch]:
         and past + 2 <= mask.size
         and np.all(mask[[first - 2, first - 1, past, past + 1]] > 0.0)
     ]
-
-
-def _covered(grid: Vector, t: Vector, dt: float) -> Vector:
-    """Return 1 where a sample lies within `_GAP` - 1 periods of the grid point, else 0."""
-    found = np.empty(grid.size)
-    for part in pieces(grid.size):
-        here = grid[part]
-        place = np.clip(np.searchsorted(t, here), 1, t.size - 1)
-        distance = np.minimum(np.abs(here - t[place - 1]), np.abs(t[place] - here))
-        found[part] = distance <= (_GAP - 1.0) * dt
-    return found

@@ -1,4 +1,4 @@
-"""Derivatives by a local polynomial (Savitzky and Golay), low-passes, ranks, a cubic spline.
+"""Derivatives by a local polynomial (Savitzky and Golay), low-passes, ranks.
 
 scipy has them, but loading it takes longer than a short diagnosis, and its local polynomial is
 ill-conditioned where the window has a thousand samples.
@@ -122,34 +122,3 @@ def butterworth(row: Vector, cutoff_hz: float, dt: float) -> Vector:
     frequency = np.tan(np.pi * np.fft.rfftfreq(whole.size)) / np.tan(np.pi * cutoff_hz * dt)
     found = np.fft.irfft(np.fft.rfft(whole) / (1.0 + frequency**8), whole.size)
     return found[row.size - 1 : 2 * row.size - 1]
-
-
-def spline(places: Vector, t: Vector, row: Vector) -> Vector:
-    """Return the natural cubic spline through a row of samples at increasing `t`, at `places`."""
-    step = np.diff(t)
-    slope = np.diff(row) / step
-    bent = np.zeros(t.size)
-    bent[1:-1] = 6.0 * np.diff(slope)
-    _solve_tridiagonal(step, 2.0 * (step[1:] + step[:-1]), bent[1:-1])
-    found = np.empty(places.size)
-    for part in pieces(places.size):
-        here = places[part]
-        i = np.clip(np.searchsorted(t, here, side="right") - 1, 0, t.size - 2)
-        x, h = here - t[i], step[i]
-        first = slope[i] - h * (2.0 * bent[i] + bent[i + 1]) / 6.0
-        third = (bent[i + 1] - bent[i]) / (6.0 * h)
-        found[part] = row[i] + x * (first + x * (0.5 * bent[i] + x * third))
-    return found
-
-
-@kernel
-def _solve_tridiagonal(beside: Vector, diagonal: Vector, row: Vector) -> None:
-    """Solve a symmetric system in place; `beside` are the values beside the diagonal, and two."""
-    for i in range(1, row.size):
-        share = beside[i] / diagonal[i - 1]
-        diagonal[i] -= share * beside[i]
-        row[i] -= share * row[i - 1]
-    for i in range(row.size - 1, -1, -1):
-        if i < row.size - 1:
-            row[i] -= beside[i + 1] * row[i + 1]
-        row[i] /= diagonal[i]
