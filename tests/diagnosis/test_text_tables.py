@@ -219,3 +219,52 @@ def test_a_stiffness_of_a_testing_machine_is_taken_where_its_units_are_stated(
     assert diagnose(load(path)).answer["verdict"] == "no_missing_effect"
     with pytest.raises(RecordingError, match=r"wrong unit\? a spring of 2e\+06"):
         diagnose(from_arrays("bare", rows[:, 0], 1e-3 * rows[:, 1], 1e3 * rows[:, 2]))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_units_behind_each_number_are_refused_at_the_first_cell(
+    tmp_path: Path, rows: np.ndarray, delimiter: str
+) -> None:
+    table = [delimiter.join((f"{t} s", f"{x} mm", f"{f:.2e} N")) for t, x, f in rows[:300]]
+    path = written(tmp_path / "a.csv", [delimiter.join(("time", "pos", "force")), *table])
+    with pytest.raises(
+        RecordingError, match=r"' ?[\d.]+ s' is a number with a unit: leave"
+    ) as raised:
+        load(path)
+    assert str(raised.value).endswith("as force [N]")
+
+
+def test_stamps_of_a_form_that_is_unknown_are_counted_with_the_form_that_is_read(
+    tmp_path: Path, rows: np.ndarray
+) -> None:
+    path = written(
+        tmp_path / "a.csv",
+        ["time,x_mm,F_N", *(f"05/03/2024 10:11:{t:06.3f} AM,{x},{f}" for t, x, f in rows)],
+    )
+    with pytest.raises(RecordingError, match="of 1500 samples 1500 of time are not a number") as no:
+        load(path)
+    assert str(no.value).endswith("export times in seconds, or as 2026-01-31 14:05:09.250")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_the_unit_that_times_may_have_is_given(
+    tmp_path: Path, rows: np.ndarray, unit: str, factor: float
+) -> None:
+    table = [f"{factor * t:.0f},{x},{f}" for t, x, f in rows]
+    path = written(tmp_path / "a.csv", ["time,x_mm,F_N", *table])
+    with pytest.raises(RecordingError, match=f"say so with --units time={unit}$"):
+        load(path)
+    assert load(path, layout_of(path, units={"time": unit})).dt == pytest.approx(1.0 / RATE_HZ)
+
+
+def test_times_that_repeat_are_counted_and_those_that_go_back_are_not(
+    tmp_path: Path, rows: np.ndarray
+) -> None:
+    for name, times, next_step in (
+        ("coarse", np.floor(rows[:, 0] * 25.0) / 25.0, "750 of 1500 times are the same as those b"),
+        ("back", np.where(np.arange(SAMPLES) < 700, rows[:, 0], rows[:, 0] - 9.0), "sort the rows"),
+    ):
+        table = np.column_stack((times, rows[:, 1:]))
+        path = written(tmp_path / f"{name}.csv", ["t_s,x_mm,F_N", *lines(table, ",")])
+        with pytest.raises(RecordingError, match=f"does not increase at sample .* s; {next_step}"):
+            load(path)

@@ -13,6 +13,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.diagnosis.recordings.resampling import GAP, Grid, covered, resampled
 from teleop_rt.diagnosis.recordings.table_files import read_table
+from teleop_rt.diagnosis.recordings.units import factor_of
 from teleop_rt.diagnosis.samples.filters import pieces
 from teleop_rt.diagnosis.samples.rows import Stretch, lone, quantisation_step, stretches
 from teleop_rt.errors import RecordingError
@@ -227,24 +228,41 @@ def _usable(name: str, time: Vector, position: Vector, force: Vector) -> NDArray
         raise RecordingError(
             f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"
         )
-    good = _of_sense(time) & _of_sense(position) & _of_sense(force)
+    sense = {"time": _of_sense(time), "position": _of_sense(position), "force": _of_sense(force)}
+    good = sense["time"] & sense["position"] & sense["force"]
     if np.count_nonzero(good) < max(MIN_SAMPLES, time.size // 2):
+        bad = {role: int(np.sum(~here)) for role, here in sense.items() if not here.all()}
+        next_step = "check the columns and their units"
+        if bad.get("time") == time.size:
+            next_step = "export times in seconds, or as 2026-01-31 14:05:09.250"
         raise RecordingError(
-            f"{name}: {np.count_nonzero(~good)} of {time.size} samples are not a number, or beyond"
-            f" {MOST:g}: check the columns and their units"
+            f"{name}: of {time.size} samples {_listed(bad)} are not a number, or beyond"
+            f" {MOST:g}: {next_step}"
         )
     good[good] = ~lone(position[good])
     return good
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    """Return how many samples of which columns: 4 of position and 12 of force."""
+    *first, last = (f"{count} of {role}" for role, count in counts.items())
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _period(name: str, t: Vector, slowest_hz: float) -> float:
     """Return the median period [s]; raises RecordingError if the times are no recording's."""
     steps = np.diff(t)
     if np.any(steps <= 0.0):
-        place = int(np.argmax(steps <= 0.0))
+        place, repeated = int(np.argmax(steps <= 0.0)), np.count_nonzero(steps == 0.0)
+        next_step = "sort the rows by time, or keep the part before or after"
+        if repeated == np.count_nonzero(steps <= 0.0):
+            next_step = (
+                f"{repeated} of {t.size} times are the same as those before: export finer times,"
+                " or only rows with new ones; or leave the times out, and give --rate"
+            )
         raise RecordingError(
             f"{name}: time does not increase at sample {place + 1}: {t[place]:.6g} s is followed"
-            f" by {t[place + 1]:.6g} s"
+            f" by {t[place + 1]:.6g} s; {next_step}"
         )
     dt = float(np.median(steps))
     if not (t[-1] - t[0]) / dt <= _MOST_GRID_SHARE * t.size + _MOST_GRID:
@@ -254,9 +272,11 @@ def _period(name: str, t: Vector, slowest_hz: float) -> float:
             f" {dt:.3g} s apart: cut the recording there"
         )
     if dt > _ROUNDED / slowest_hz:
+        fitting = (unit for unit in ("ms", "us") if factor_of("time", unit) * dt < 1.0 / slowest_hz)
+        unit = next(fitting, "ns")
         raise RecordingError(
             f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"
-            " is in ms or ns, say so with --units time=ms"
+            f" is in {unit}, say so with --units time={unit}"
         )
     if t[-1] - t[0] < _SHORTEST_S:
         raise RecordingError(

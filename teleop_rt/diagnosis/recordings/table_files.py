@@ -48,7 +48,9 @@ def read_table(path: Path) -> dict[str, Vector]:
     readers = {**dict.fromkeys(TEXT, read_text), ".mat": _read_mat, ".npz": _read_npz}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise RecordingError(f"{path}: unknown kind of file; one of .mcap, {', '.join(readers)}")
+        raise RecordingError(
+            f"{path}: unknown kind of file; one of .mcap, {', '.join(readers)}: export it as .csv"
+        )
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:

@@ -44,6 +44,7 @@ _FIGURE = re.compile(
 )
 _DECIMAL = re.compile(r"[-+]?\d*[.,]\d+(e[-+]?\d+)?", re.IGNORECASE)
 _GROUPED = re.compile(r"[-+]?\d{1,3}((\.\d{3})+,|(,\d{3})+\.)\d+")
+_WITH_UNIT = re.compile(r"[-+]?\d+[.,]?\d*(e[-+]?\d+)?\s*[^\W\d_]{1,3}", re.IGNORECASE)
 _GERMAN_DATE = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})\s+(.+)")
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -139,7 +140,21 @@ def _located(path: Path, encoding: str) -> _Text:
                         file=sys.stderr,
                     )
                 return _Text(path, encoding, delimiter, names, first)
-    raise ValueError("no data" if len(rows) < 2 else "no lines of numbers below each other found")
+    if len(rows) < 2:
+        raise ValueError("no data")
+    _refuse_units_in_cells(lines[rows[-1]], rows[-1])
+    raise ValueError("no lines of numbers below each other found")
+
+
+def _refuse_units_in_cells(line: str, place: int) -> None:
+    """Raise TableError where the numbers of a line have units of their own behind them."""
+    cells = (cell for delimiter in (";", ",") for cell in _cells(line, delimiter))
+    found = next((cell for cell in cells if _WITH_UNIT.fullmatch(cell)), None)
+    if found is not None:
+        raise TableError(
+            f"line {place + 1}: {found!r} is a number with a unit: leave the units out of the"
+            " lines, and write them behind the names, as force [N]"
+        )
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:
