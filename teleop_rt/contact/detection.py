@@ -62,6 +62,7 @@ Matrix = NDArray[np.float64]
 # From AVERAGE on there are the weights of a converter that settles in SETTLING samples.
 N_DETECTION = AVERAGE + MOST_SETTLING * POINTS + 1
 
+NEVER_FREE = -1e300  # VERIFIED_FREE [rig unit] before any free air: no place is less deep
 NOTHING, ONSET, RELEASE, FOUND = range(4)
 # Settling times of a slow force's converter until it places a surface: as much of its force lies
 # behind the part that was averaged over the surface as before.
@@ -237,7 +238,7 @@ def remember(state: Vector, history: Matrix, position: float, force: float, seen
     if state[STARTED] == 0.0:
         state[STARTED] = 1.0
         state[ORIGIN] = position
-        state[VERIFIED_FREE] = -1e300
+        state[VERIFIED_FREE] = NEVER_FREE
     index = int(state[HISTORY_NEXT]) % HISTORY
     history[0, index], history[1, index] = position, force
     history[2, index] = 1.0 if seen else 0.0

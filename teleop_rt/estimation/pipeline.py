@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from functools import cached_property, partial
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact import detection
-from teleop_rt.contact import surface as surface_fit
 from teleop_rt.estimation import layout, selection, watch
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
+from teleop_rt.estimation.contact_found import Contact, contact_of, surface_reason
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.cycle import keep, run_ticks, sense_tick, skip
 from teleop_rt.estimation.estimates import Places, StoredPlaces, new_places, write_estimate
@@ -27,7 +27,7 @@ from teleop_rt.estimation.parameters import (
     traced_names,
 )
 from teleop_rt.estimation.rows import RowSpec
-from teleop_rt.estimation.settings import PipelineSettings, allocate
+from teleop_rt.estimation.settings import PipelineSettings, allocate, clear
 from teleop_rt.estimation.state import StateArray
 from teleop_rt.estimation.streamed import Streaming
 from teleop_rt.estimation.surface_motion import SurfaceMotion
@@ -35,7 +35,7 @@ from teleop_rt.estimation.terms import Terms
 from teleop_rt.estimation.trace import Trace
 from teleop_rt.jit import bound
 
-__all__ = ["Contact", "Pipeline", "PipelineSettings"]
+__all__ = ["Pipeline", "PipelineSettings"]
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
@@ -48,18 +48,6 @@ _NO_TRACE = (
 _PIECE = 4096
 """States whose scaled parameters are kept at a time, before they are converted."""
 _NO_GRID = np.zeros(0, np.int64)
-
-
-class Contact(NamedTuple):
-    """State of the contact in rig units; NaN where it is unknown."""
-
-    in_contact: bool
-    contact_id: int
-    surface: float
-    surface_known: bool
-    penetration: float
-    velocity: float
-    verified_free: float
 
 
 class Pipeline:
@@ -103,29 +91,7 @@ class Pipeline:
 
     def reset(self) -> None:
         """Forget everything."""
-        state = self._state
-        for array in (state.q, state.detector, state.rings, state.history, state.channels):
-            array[:] = 0.0
-        for array in (state.windows, state.log_windows, state.sums, state.records, state.choice):
-            array[:] = 0.0
-        state.term_windows[:] = state.watch[:] = 0.0
-        state.refit[:] = 0.0
-        state.refit[surface_fit.STRIDE] = 1.0
-        state.live[:] = False
-        state.choice[selection.SELECTED] = -1.0
-        state.q[index.LEAST_FORCE], state.q[index.LARGEST_FORCE] = math.inf, -math.inf
-        known = self.settings.surface is not None
-        for r in range(len(self.bank.y)):
-            contact = state.codes[r] in {
-                row_kinds.KELVIN_VOIGT,
-                row_kinds.UNILATERAL,
-                row_kinds.MASS_SPRING_DAMPER,
-            }
-            state.active[r] = state.own[r] + (1 if contact and not known else 0)
-        if self.settings.surface is not None:
-            state.detector[detection.SURFACE] = self.settings.surface
-            state.detector[detection.SURFACE_KNOWN] = state.detector[detection.SURFACE_FIXED] = 1.0
-        self.bank.reset()
+        clear(self.settings, self._state, self.bank)
         self._surface_met = self.settings.surface is not None
         if self._terms is not None:
             self._terms.reset()
@@ -275,18 +241,7 @@ class Pipeline:
     @property
     def contact(self) -> Contact:
         """Present state of the contact, in encoder coordinates."""
-        one, q = self._state.detector.tolist(), self._state.q
-        known, shift = one[detection.SURFACE_KNOWN] > 0.0, self.shift
-        free = one[detection.VERIFIED_FREE] - shift if one[detection.STARTED] > 0.0 else math.nan
-        return Contact(
-            one[detection.IN_CONTACT] > 0.0,
-            int(one[detection.CONTACT_ID]),
-            one[detection.SURFACE] - shift if known else math.nan,
-            known,
-            q.item(index.PENETRATION),
-            q.item(index.VELOCITY),
-            free if free > -1e299 else math.nan,
-        )
+        return contact_of(self._state, self.shift)
 
     @property
     def onsets(self) -> int:
@@ -296,14 +251,7 @@ class Pipeline:
     @property
     def surface_reason(self) -> str | None:
         """Why there is no surface, or None when there is one."""
-        one = self._state.detector
-        if one[detection.SURFACE_KNOWN] > 0.0:
-            return None
-        if one[detection.IN_CONTACT] > 0.0 and one[detection.FREE_SEEN] == 0.0:
-            return "the recording never leaves contact, so the surface cannot be seen"
-        if one[detection.CONTACT_ID] == 0.0:
-            return "the recording never comes into contact"
-        return "no contact began after a stretch of free air, so the surface cannot be seen"
+        return surface_reason(self._state)
 
     @property
     def status(self) -> list[str]:

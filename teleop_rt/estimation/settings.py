@@ -10,10 +10,11 @@ from typing import Literal
 import numpy as np
 
 from teleop_rt.contact import detection
+from teleop_rt.contact import surface as surface_fit
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.contact.slow_onset import settling_weights
-from teleop_rt.estimation import layout
+from teleop_rt.estimation import layout, selection
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank import Bank, SolverSettings
@@ -22,6 +23,9 @@ from teleop_rt.estimation.pairing import EvenPairing, Pairing
 from teleop_rt.estimation.rows import MODEL_CODES, RowSpec
 from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.ids import REGRESSIONS
+
+_OF_CONTACT = {row_kinds.KELVIN_VOIGT, row_kinds.UNILATERAL, row_kinds.MASS_SPRING_DAMPER}
+"""Models that estimate an offset of the force where the surface is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,3 +224,24 @@ def allocate(
     state.starts[: len(one.starts)] = one.starts
     state.of_rig[: len(rows[0].effects)] = [e.belongs_to == "rig" for e in rows[0].effects]
     return storage, state, bank
+
+
+def clear(one: PipelineSettings, state: index.BankState, bank: Bank) -> None:
+    """Set everything that a tick writes to what it is before the first one."""
+    for array in (state.q, state.detector, state.rings, state.history, state.channels):
+        array[:] = 0.0
+    for array in (state.windows, state.log_windows, state.sums, state.records, state.choice):
+        array[:] = 0.0
+    state.term_windows[:] = state.watch[:] = 0.0
+    state.refit[:] = 0.0
+    state.refit[surface_fit.STRIDE] = 1.0
+    state.live[:] = False
+    state.choice[selection.SELECTED] = -1.0
+    state.q[index.LEAST_FORCE], state.q[index.LARGEST_FORCE] = math.inf, -math.inf
+    if one.surface is not None:
+        state.detector[detection.SURFACE] = one.surface
+        state.detector[detection.SURFACE_KNOWN] = state.detector[detection.SURFACE_FIXED] = 1.0
+    for r in range(len(bank.y)):
+        unknown_surface = one.surface is None and state.codes[r] in _OF_CONTACT
+        state.active[r] = state.own[r] + int(unknown_surface)
+    bank.reset()

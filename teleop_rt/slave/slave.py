@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config import TrialConfig
-from teleop_rt.estimation.pipeline import Contact, Pipeline
+from teleop_rt.estimation.contact_found import Contact
+from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.jit import bound
 from teleop_rt.link.bodies import new_state
 from teleop_rt.link.channel import Endpoint
