@@ -21,32 +21,36 @@ judgement are halved and doubled, and the candidates of each record are judged a
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import os
-import pkgutil
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from functools import partial, wraps
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import teleop_rt.diagnosis as package
 from teleop_rt.diagnosis import criteria
 from teleop_rt_dev.campaign import diagnosis as campaign_diagnosis
 from teleop_rt_dev.campaign import keyed as campaign_keyed
 from teleop_rt_dev.campaign import measured as campaign_measured
+from teleop_rt_dev.diagnosis.replaced import (
+    Call,
+    Function,
+    always,
+    instead,
+    kept,
+    modules,
+    watched,
+)
 from teleop_rt_dev.diagnosis.table import table, wrong
 from teleop_rt_dev.parallel import in_order
 
-Function = Callable[..., Any]
 Case = tuple[str, Any]  # kind of record, and what makes it
-Call = tuple[Function, tuple[Any, ...], dict[str, Any]]
 
 GROUPS = (  # group, generator, surface
     ("null", "own", "given"), ("null", "foreign", "given"), ("single", "own", "given"),
@@ -67,11 +71,6 @@ def first(*arguments: Any, **_: Any) -> Any:
 def second(*arguments: Any, **_: Any) -> Any:
     """Return the second argument: as `first`, of a gate that is given the problem before."""
     return arguments[1]
-
-
-def always(value: Any) -> Function:
-    """Return a function that returns the value, whatever it is given."""
-    return lambda *_, **__: value
 
 
 NEVER = always(value=False)
@@ -138,80 +137,6 @@ GATES: dict[str, tuple[str, Function]] = {
 _NEARLY_ONE = {"NAMED_SHARE", "POSTERIOR_MASS", "HIGHEST_PROBABILITY", "HIGHEST_BESIDE_UNKNOWN"}
 CONSTANTS = tuple(name for name in vars(criteria) if name.isupper() and name not in _NEARLY_ONE)
 """All but shares and probabilities that are nearly 1."""
-
-
-def modules() -> list[Any]:
-    """Return all modules of diagnosis."""
-    names = (m.name for m in pkgutil.walk_packages(package.__path__, package.__name__ + "."))
-    return [importlib.import_module(name) for name in names]
-
-
-@contextmanager
-def instead(path: str, replacing: Callable[[Function], Function]) -> Iterator[None]:
-    """Put `replacing(function)` in the place of `module:function`, wherever it was imported."""
-    module, _, name = path.partition(":")
-    owner: Any = importlib.import_module(f"{package.__name__}.{module}")
-    *classes, name = name.split(".")
-    for part in classes:
-        owner = getattr(owner, part)
-    function = getattr(owner, name)
-    others = [m for m in modules() if getattr(m, name, None) is function]
-    for place in (owner, *others):
-        setattr(place, name, replacing(function))
-    forget()
-    try:
-        yield
-    finally:
-        for place in (owner, *others):
-            setattr(place, name, function)
-        forget()
-
-
-def forget() -> None:
-    """Clear what functions of diagnosis remember: it was made with another gate."""
-    for module in modules():
-        for value in vars(module).values():
-            if hasattr(value, "cache_clear"):
-                value.cache_clear()
-
-
-def differs(result: Any, plain: Any) -> bool:
-    """Return whether a gate did other than what stands in its place would have done."""
-    if isinstance(result, list):
-        return len(result) != len(plain)
-    if isinstance(result, (bool, float, np.ndarray)):
-        return bool(np.any(result != plain))
-    return result is not plain
-
-
-def watched(without: Function, acted: list[bool]) -> Callable[[Function], Function]:
-    """Return what makes a gate note whether it did anything."""
-
-    def watching(function: Function) -> Function:
-        @wraps(function)
-        def gate(*arguments: Any, **keys: Any) -> Any:
-            result = function(*arguments, **keys)
-            if not acted and differs(result, without(*arguments, **keys)):
-                acted.append(True)
-            return result
-
-        return gate
-
-    return watching
-
-
-def kept(calls: list[Call]) -> Callable[[Function], Function]:
-    """Return what makes a judgement note what it was judged from."""
-
-    def keeping(function: Function) -> Function:
-        @wraps(function)
-        def judgement(*arguments: Any, **keys: Any) -> Any:
-            calls.append((function, arguments, keys))
-            return function(*arguments, **keys)
-
-        return judgement
-
-    return keeping
 
 
 def again(calls: Sequence[Call]) -> list[tuple[str, list[str]]]:

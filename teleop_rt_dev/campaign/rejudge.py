@@ -32,18 +32,8 @@ import numpy as np
 from teleop_rt.diagnosis import criteria
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt_dev.campaign.ablate import (
-    GATES,
-    JUDGEMENTS,
-    Call,
-    Case,
-    always,
-    answered,
-    cases,
-    instead,
-    kept,
-    modules,
-)
+from teleop_rt_dev.campaign.ablate import GATES, JUDGEMENTS, Case, answered, cases
+from teleop_rt_dev.diagnosis.replaced import Call, always, instead, kept, modules
 
 Judged = tuple[str, list[list[str]]]  # verdict, and the sets, best first
 

@@ -11,13 +11,12 @@ import pytest
 from teleop_rt.diagnosis.inference import explanation, ranking, unsupported
 from teleop_rt.diagnosis.samples.smoothing import half_window
 from teleop_rt_dev.campaign import ablate as campaign
+from teleop_rt_dev.diagnosis.replaced import always, instead, watched
 
 
 def test_a_gate_is_left_out_wherever_it_was_imported_and_put_back() -> None:
     before = unsupported.lacks_named_property
-    with campaign.instead(
-        "inference.unsupported:lacks_named_property", campaign.always(lambda *_: "left out")
-    ):
+    with instead("inference.unsupported:lacks_named_property", always(lambda *_: "left out")):
         for module in (unsupported, ranking):
             assert module.lacks_named_property(None, None, None) == "left out"
     for module in (unsupported, ranking):
@@ -28,7 +27,7 @@ def test_a_gate_is_left_out_wherever_it_was_imported_and_put_back() -> None:
 def test_every_gate_is_a_function_of_diagnosis(gate: str) -> None:
     path, without = campaign.GATES[gate]
     found: list[Any] = []
-    with campaign.instead(path, lambda function: found.append(function) or without):
+    with instead(path, lambda function: found.append(function) or without):
         pass
     assert all(function.__module__.startswith("teleop_rt.diagnosis") for function in found)
     assert found
@@ -47,7 +46,7 @@ def test_a_gate_acts_where_it_differs_from_its_replacement(
     result: Any, plain: Any, acts: bool
 ) -> None:
     flags: list[bool] = []
-    gate = campaign.watched(campaign.always(plain), flags)(campaign.always(result))
+    gate = watched(always(plain), flags)(always(result))
     assert gate() is result
     assert bool(flags) is acts
 
@@ -72,6 +71,6 @@ def test_a_window_that_is_remembered_does_not_hide_that_its_gate_is_left_out() -
     position = np.sin(0.4 * t) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
     path, without = campaign.GATES["window by the spectrum"]
     wide = half_window(position, 1e-2)
-    with campaign.instead(path, campaign.always(without)):
+    with instead(path, always(without)):
         assert half_window(position, 1e-2) < wide
     assert half_window(position, 1e-2) == wide
