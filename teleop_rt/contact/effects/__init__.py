@@ -6,19 +6,23 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import (
     adhesion,
     damping,
-    elastic,
     friction,
     hysteresis,
     kinematics,
     relaxation,
     ripple,
+    second_layer,
     sensor,
+    softening,
+    stiffening,
     tool,
 )
 
 LIBRARY: tuple[Effect, ...] = (
     *kinematics.EFFECTS,
-    *elastic.EFFECTS,
+    *stiffening.EFFECTS,
+    *second_layer.EFFECTS,
+    *softening.EFFECTS,
     *damping.EFFECTS,
     *relaxation.EFFECTS,
     *hysteresis.EFFECTS,

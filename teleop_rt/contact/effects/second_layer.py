@@ -1,0 +1,93 @@
+"""Second layers: what the tool meets beyond a depth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effects.stiffening import CENTRE
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _beyond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    return float(max(x - eta[0], 0.0))
+
+
+@kernel
+def _beyond_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    beside = x - eta[0]
+    further = max(abs(beside) - eta[1], 0.0)
+    return float(further if beside > 0.0 else -further)
+
+
+@kernel
+def _rounded_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    beside = x - eta[0]
+    further = max(abs(beside) - eta[1], 0.0) ** 1.5
+    return float(further if beside > 0.0 else -further)
+
+
+@kernel
+def _rounded_beyond(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(max(x - eta[0], 0.0) ** 1.5)
+
+
+_LAYER_DEPTH = Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20)
+_HELD_LAYER = Effect(
+    name="second_layer",
+    law=WITHOUT_CONTACT,  # from beyond the stroke on one side alone
+    family="stiffening",
+    belongs_to="environment",
+    stage="material",
+    amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
+    shapes=(
+        replace(CENTRE, points=3),
+        Shape("depth", "{x}", 0.05, 2.9, 0.5, relative_to="travel", points=20),
+    ),
+    step=_beyond_on_both_sides,
+    sentence="Beyond {depth} from {centre} a second layer adds {layer_stiffness}.",
+    compensation="render",
+    only_in_contact=False,
+)
+EFFECTS = (
+    Effect(
+        name="second_layer",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(_LAYER_DEPTH,),
+        step=_beyond,
+        sentence="Below {depth} a second layer adds {layer_stiffness}.",
+        compensation="render",
+    ),
+    Effect(
+        name="second_layer",
+        law="rounded",  # a lump, or a rounded tip that meets it (Hertz 1882)
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}^1.5", nonnegative=True),
+        shapes=(_LAYER_DEPTH,),
+        step=_rounded_beyond,
+        sentence="Below {depth} a rounded second layer adds {layer_stiffness}.",
+        compensation="render",
+        extends="",
+    ),
+    _HELD_LAYER,
+    replace(
+        _HELD_LAYER,
+        law=f"{WITHOUT_CONTACT}, rounded",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}^1.5", nonnegative=True),
+        step=_rounded_on_both_sides,
+        sentence="Beyond {depth} from {centre} a rounded second layer adds {layer_stiffness}.",
+        extends=WITHOUT_CONTACT,
+    ),
+)

@@ -1,0 +1,148 @@
+"""Softening: stiffness, alone or with damping, that falls with time or load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import exp
+
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effects.stiffening import CENTRE
+from teleop_rt.contact.law import touches
+from teleop_rt.jit import kernel
+
+
+@kernel
+def _weakened(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -max(x, 0.0) * (1.0 - exp(-t / eta[0]))
+
+
+@kernel
+def _weakened_alike(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -max(x + eta[1] * v, 0.0) * (1.0 - exp(-t / eta[0])) if touches(x) else 0.0
+
+
+@kernel
+def _weakened_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float((eta[0] - x) * (1.0 - exp(-t / eta[1])))
+
+
+@kernel
+def _weakened_alike_on_both_sides(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float((eta[0] - x - eta[2] * v) * (1.0 - exp(-t / eta[1])))
+
+
+@kernel
+def _weakened_by_load(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    if not touches(x):
+        return 0.0
+    state[0] += x * dt
+    return float(-max(x + eta[1] * v, 0.0) * eta[0] * (1.0 - exp(-state[0] / eta[0])))
+
+
+# Damping over stiffness, which heat and damage lower alike.
+_DAMPING_TIME = Shape("damping_time", "s", 1e-3, 0.2, 1e-2, logarithmic=True, points=4)
+_LOSS_TIME = Shape(
+    "time_constant",
+    "s",
+    0.03,
+    5.0,
+    0.5,
+    logarithmic=True,
+    relative_to="duration",
+    points=8,
+)
+_HELD_SOFTENING = Effect(
+    name="softening",
+    law=WITHOUT_CONTACT,
+    family="drift",
+    belongs_to="environment",
+    stage="material",
+    amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
+    shapes=(replace(CENTRE, points=3), _LOSS_TIME),
+    step=_weakened_on_both_sides,
+    sentence="Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}.",
+    compensation="render",
+    only_in_contact=False,
+)
+EFFECTS = (
+    Effect(
+        name="softening",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
+        shapes=(_LOSS_TIME,),
+        step=_weakened,
+        sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
+        compensation="render",
+    ),
+    Effect(
+        name="softening",
+        law="of stiffness and damping",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
+        shapes=(_LOSS_TIME, _DAMPING_TIME),
+        step=_weakened_alike,
+        sentence=(
+            "Within {time_constant} the stiffness falls by {stiffness_lost}, the damping by"
+            " {damping_time} times that."
+        ),
+        compensation="render",
+        derivative_order=1,
+    ),
+    _HELD_SOFTENING,
+    replace(
+        _HELD_SOFTENING,
+        law=f"{WITHOUT_CONTACT}, of stiffness and damping",
+        shapes=(*_HELD_SOFTENING.shapes, _DAMPING_TIME),
+        step=_weakened_alike_on_both_sides,
+        sentence=(
+            "Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}, the"
+            " damping by {damping_time} times that."
+        ),
+        derivative_order=1,
+        extends=WITHOUT_CONTACT,
+    ),
+    Effect(
+        name="softening",
+        law="of stiffness and damping by load",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("loss_rate", "{f}/({x}^2 s)"),
+        shapes=(
+            Shape(
+                "load_time",
+                "{x} s",
+                0.3,
+                100.0,
+                5.0,
+                logarithmic=True,
+                relative_to="travel",
+                points=8,
+                ideal="upper",
+            ),
+            _DAMPING_TIME,
+        ),
+        step=_weakened_by_load,
+        state_size=1,
+        sentence=(
+            "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and"
+            " {damping_time} times that off the damping."
+        ),
+        compensation="render",
+        derivative_order=1,
+    ),
+)
