@@ -15,6 +15,7 @@ from cryptography.exceptions import InvalidTag
 
 from teleop_rt.jit import bound
 from teleop_rt.link import intake
+from teleop_rt.link.budget import Budget
 from teleop_rt.link.codec import (
     HEADER_BYTES,
     decode,
@@ -25,7 +26,7 @@ from teleop_rt.link.codec import (
 )
 from teleop_rt.link.door import PacketDoor, receive_expected
 from teleop_rt.link.endpoint_state import EndpointState
-from teleop_rt.link.handshake import Answerer, Budget, Caller
+from teleop_rt.link.handshake import Answerer, Caller
 from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.messages import (
     Kind,

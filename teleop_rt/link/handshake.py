@@ -23,6 +23,7 @@ from struct import Struct
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
+from teleop_rt.link.budget import Budget, Budgets
 from teleop_rt.link.codec import HEADER_BYTES, encode_header
 from teleop_rt.link.keys import PeerKey, PeerKeys
 from teleop_rt.link.messages import Header, Kind, MessageError
@@ -47,8 +48,6 @@ PENDING_NS = 30_000_000_000
 """A granted handshake waits so long for its first packet: three round trips of the slowest link."""
 COOKIE_NS = 60_000_000_000
 """A cookie's secret is renewed after this time; the previous one remains valid."""
-ADDRESSES = 64
-"""Addresses whose budget is kept; with more, all begin again."""
 _MAC_BYTES = _COOKIE_BYTES = 16  # of BLAKE2s, shortened to 128 bits
 _NONCE_BYTES = 12  # of ChaCha20-Poly1305 (RFC 8439)
 _PAYLOAD = Struct("<IQ")
@@ -149,23 +148,6 @@ class _Peer:
     cookie_key: bytes
 
 
-class Budget:
-    """So many a second, and no more than a second's at once."""
-
-    def __init__(self, per_s: float, now_ns: int) -> None:
-        self._per_s = self._left = per_s
-        self._taken_ns = now_ns
-
-    def take(self, now_ns: int) -> bool:
-        """Take one, if there is one left."""
-        self._left = min(self._left + (now_ns - self._taken_ns) * self._per_s / 1e9, self._per_s)
-        self._taken_ns = now_ns
-        if self._left < 1:
-            return False
-        self._left -= 1
-        return True
-
-
 class Answerer:
     """The slave's side: answers those who hold a key, at a bounded cost."""
 
@@ -180,9 +162,9 @@ class Answerer:
         self.pending: dict[bytes, PendingHandshake] = {}
         self._strangers = Budget(HANDSHAKES_PER_S, now_ns)
         self._retries = Budget(RETRIES_PER_S, now_ns)
-        self.retried: dict[object, Budget] = {}
-        self._hosts: dict[object, Budget] = {}
-        self._shown: dict[object, Budget] = {}
+        self.retried = Budgets(HANDSHAKES_PER_S)
+        self._hosts = Budgets(RETRIES_PER_HOST)
+        self._shown = Budgets(HANDSHAKES_PER_S)
         self._secrets = [os.urandom(32), os.urandom(32)]
         self._secrets_ns = now_ns
         self.new_poll()
@@ -246,7 +228,7 @@ class Answerer:
             hmac.compare_digest(mac2, _mac(_mac(secret, address), clear))
             for secret in self._secrets
         ):
-            if not _take_of(self._shown, address, now_ns):
+            if not self._shown.take(address, now_ns):
                 raise MessageError("handshake rate")
             return True
         known = ephemeral in self.pending
@@ -258,8 +240,8 @@ class Answerer:
         self, peer: _Peer, address: bytes, host: str | None, ephemeral: bytes, now_ns: int
     ) -> bytes:
         if not (
-            _take_of(self.retried, address, now_ns)
-            and _take_of(self._hosts, host, now_ns, RETRIES_PER_HOST)
+            self.retried.take(address, now_ns)
+            and self._hosts.take(host, now_ns)
             and self._retries.take(now_ns)
         ):
             raise MessageError("handshake rate")
@@ -308,15 +290,6 @@ class Answerer:
         if now_ns - self._secrets_ns > COOKIE_NS:
             self._secrets = [os.urandom(32), self._secrets[0]]
             self._secrets_ns = now_ns
-
-
-def _take_of(
-    budgets: dict[object, Budget], whose: object, now_ns: int, per_s: float = HANDSHAKES_PER_S
-) -> bool:
-    """Take one of the budget of an address or host; those of a bounded number of them are kept."""
-    if len(budgets) >= ADDRESSES and whose not in budgets:
-        budgets.clear()
-    return budgets.setdefault(whose, Budget(per_s, now_ns)).take(now_ns)
 
 
 def _require_rate(rate_hz: int, rates_hz: tuple[int, int]) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from teleop_rt.link import sessions
+from teleop_rt.link.budget import ADDRESSES
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.codec import HEADER_BYTES, decode_header
 from teleop_rt.link.handshake import (
-    ADDRESSES,
     HANDSHAKES_PER_S,
     MOST_PENDING,
     RETRIES_PER_HOST,
