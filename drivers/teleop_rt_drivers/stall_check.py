@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.canopen.drive_config import DriveConfig
 
-ABORT_CONNECTION = (0x6007, 0)
+ABORT_CONNECTION = (0x6007, 0)  # abort connection option code (CiA 402)
 STOP = "realtime.late.stop_ms"
 
 

@@ -21,7 +21,7 @@ from teleop_rt.estimation.surface_motion import SurfaceMotion
 
 Matrix = NDArray[np.float64]
 
-_NO_PLACE = (0, NONE, 0.0)
+_NO_PLACE = (0, NONE, 0.0)  # of a parameter that a row lacks
 
 
 class Streaming:

@@ -16,8 +16,8 @@ EXCHANGED = (
 )
 _LEVELS = 33
 """Levels into which a range is divided to find the usual one: 3 % each, above any noise."""
-_OUTLIERS = (0.001, 0.999)
-_SPREAD = (0.02, 0.98)
+_OUTLIERS = (0.001, 0.999)  # quantiles: a thousandth at either end may be wrong samples
+_SPREAD = (0.02, 0.98)  # quantiles, of a part of the samples: fewer of them, so a larger share
 _RESTS = (0.1, 0.9)
 """Share of the samples at the usual level. A sinusoid rests for 0.09 of its time at either end, and
 a held step for nearly all of it."""

@@ -13,7 +13,7 @@ BIN_US = 1
 """Width of a bin."""
 BINS = 10_000
 """Times of 1 µs to 10 ms have a bin each; the last bin takes all longer ones."""
-_LONGEST = BINS + 1
+_LONGEST = BINS + 1  # place of the longest time
 _WORDS = BINS + 2
 """Of each kind: the bins, and the longest time [µs]."""
 NAME = "timing.histograms"

@@ -38,7 +38,7 @@ MODES: tuple[Mode, ...] = get_args(Mode)
 ENVIRONMENTS: tuple[EnvironmentName, ...] = get_args(EnvironmentName)
 GAIN_STEP = 0.1
 """The coupling gain falls by this until it is stable with each of the seeds."""
-GAIN_SEEDS = (1, 2)
+GAIN_SEEDS = (1, 2)  # a gain at which only one of them is stable is too high
 SECONDS_PER_SIMULATED_SECOND = 0.25
 """Of one core of the machine that the README's figures come from; the cost is a forecast."""
 

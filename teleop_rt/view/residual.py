@@ -16,7 +16,7 @@ LAGS = 20
 """Lags of the autocorrelation in the test for whiteness."""
 ADEQUATE, INADEQUATE = "model adequate", "model inadequate"
 _MISSING = "; an effect is missing: run teleop-rt diagnose"
-_LEAST = 4 * LAGS
+_LEAST = 4 * LAGS  # samples, below which the test is not made
 _SURE = 1e-3  # p-value: of 1000 white residuals one is called correlated
 NOTABLE = 2.0  # times the noise; up to this a residual without a test on-line counts as explained
 

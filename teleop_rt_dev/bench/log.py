@@ -24,7 +24,7 @@ from teleop_rt_dev.bench.measure import Row, row
 T = TypeVar("T")
 TICKS = 50_000  # 50 s at 1 kHz
 FLUSH_EVERY = 50  # ticks, as the recorder does
-SHARES = (0.5, 0.99, 0.9999)
+SHARES = (0.5, 0.99, 0.9999)  # quantiles that are printed
 LIKE_A_PUSH = 28
 """Additions that take as long as pushing a row; their slowest ten-thousandth is the machine's."""
 

@@ -22,10 +22,10 @@ from mcap.writer import CompressionType, Writer
 from teleop_rt_dev.bench.measure import Row, row
 from teleop_rt_dev.paths import SILICONE
 
-MINUTES = (1.0, 60.0)
+MINUTES = (1.0, 60.0)  # of the two recordings: memory must not grow with the longer one
 REPLAY_S = 10.0  # played before the peak of memory is read: the page's usual window
 _STAMP = re.compile(rb'("stamp_ns":|"sample_stamp_ns":|"tick":)(\d+)')
-_BLOCK = 1 << 18
+_BLOCK = 1 << 18  # bytes of a chunk of the long recording
 
 
 def run(_rounds: int) -> list[Row]:

@@ -18,7 +18,7 @@ from teleop_rt_dev.paths import SILICONE
 
 LONGEST_S = 2  # of a silence: people take a longer one for a command that hangs
 _COLUMNS = "120"
-_READ = 1 << 16
+_READ = 1 << 16  # bytes: all that a pseudo-terminal holds
 
 
 def run(rounds: int) -> list[Row]:

@@ -30,7 +30,7 @@ HANG_S = 5
 """Of processor time: what else the machine does is no hang."""
 LONGEST_S = 60
 """Of any time, for a case that waits instead of working."""
-MOST_GROWTH_KIB = 200 * 1024
+MOST_GROWTH_KIB = 200 * 1024  # of all cases of a kind: a leak grows with each of thousands
 REPEATED = 3
 """Cases of a kind kept in memory while caches fill: growth is counted from then on."""
 

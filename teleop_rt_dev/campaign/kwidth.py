@@ -44,7 +44,7 @@ HANDS = ((0.1, 100.0, 0.5), (0.3, 300.0, 1.0), (0.8, 500.0, 2.0), (1.5, 1500.0, 
 DEVICE_KG, STEP_M, PERIOD_S, SUBSTEPS = 0.2, 1e-6, 1e-3, 50
 WINDOWS, WINDOW_STEPS = 4, 50_000
 """Of a push: a second each."""
-FLESH = (5.0e4, 60.0)
+FLESH = (5.0e4, 60.0)  # N/m and N s/m between hand and handle: of a firm grip
 PUSH_M = 0.004
 """Intended depth of the hand behind the surface."""
 QUIET_M, DECAY, MOST_M = 5e-5, 0.95, 1.0

@@ -25,7 +25,7 @@ from teleop_rt_dev.paths import TRIALS
 
 TRIAL = TRIALS / "handle.yaml"
 MODES = ("model-mediated", "direct", "tdpa", "four-channel")
-ROUND_TRIPS_MS = (0.0, 5.0, 10.0, 20.0, 50.0)
+ROUND_TRIPS_MS = (0.0, 5.0, 10.0, 20.0, 50.0)  # from one room to one country
 WINDOW, TOUCH_N, FELT_N = 500, 0.4, 0.5
 """Ticks that are looked at, and the forces that count as a touch of the tool and as felt."""
 _MOTOR, _GIVEN = 4, 5

@@ -31,7 +31,7 @@ from teleop_rt_dev.docs.pictures import (
 from teleop_rt_dev.paths import ROOT
 
 GALLERY = ROOT / "build" / "gallery"
-WIDTHS_PX = (400, 1400)
+WIDTHS_PX = (400, 1400)  # of a telephone and of a desk
 SCHEMES = ("light", "dark")
 TALLEST_PX = 9000  # of a picture: a longer page goes on with more of the same tables
 QUALITY = 80  # of WebP, in percent: text stays sharp

@@ -15,7 +15,7 @@ from teleop_rt_drivers.operator_device import simulated_device
 CANOPEN = TRIALS / "handle.yaml"
 SERIAL = TRIALS / "serial_handle.yaml"
 MS = 1_000_000
-START_NS = 10**12
+START_NS = 10**12  # any time of a clock that is far from 0
 
 
 class HandleBench:

@@ -19,6 +19,7 @@ COUNTER = slice(12, 20)
 """Where a sniffer sees a number that grows by one from packet to packet."""
 COOKIE_BYTES = 16  # of the link, with which it shares no code
 EDGES = [n.to_bytes(8, "little") for n in (0, 1, 2**31, 2**63 - 1, 2**63, 2**64 - 1000, 2**64 - 1)]
+# None, one, about a header and its tag, a packet of Ethernet, about the buffer, and longer.
 SIZES = (0, 1, 43, 44, 1400, 2047, 2048, 2049, 9000, LONGEST)
 
 

@@ -13,7 +13,7 @@ from itertools import cycle, islice
 from pathlib import Path
 
 SLOW_CLIENTS, PENDING_RELOADS = 200, 20
-HUGE_BYTES = 10 << 30
+HUGE_BYTES = 10 << 30  # of a config: a hole, which takes no disk, but would fill the memory
 PAUSE_S = 0.001  # between blows: the flood is the daemon's load, not the machine's
 CLIENTS = 20
 """That are left open at a time, while others come."""

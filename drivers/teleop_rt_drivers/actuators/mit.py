@@ -187,7 +187,7 @@ class DamiaoCodec(MitCodec):
         return Taken.MEASURED
 
 
-FOUR_PI = 4.0 * math.pi
+FOUR_PI = 4.0 * math.pi  # rad: two turns to either side, as far as these motors count
 TYPED_RANGES = {
     "cybergear": Ranges(FOUR_PI, 30.0, 12.0),
     "robstride00": Ranges(FOUR_PI, 33.0, 14.0),

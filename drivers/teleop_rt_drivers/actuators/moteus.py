@@ -17,8 +17,8 @@ WRITE_INT8, WRITE_FLOAT, READ_INT8, READ_FLOAT, REPLY, ERRORS, NOP = (
 MODE, POSITION, VELOCITY, TORQUE, FAULT, COMMAND = 0x000, 0x001, 0x002, 0x003, 0x00F, 0x020
 STOPPED, FAULTED, POSITION_MODE, TIMED_OUT = 0, 1, 10, 11
 ANSWER_WANTED = 0x8000  # bit of the id, by moteus' reference of its CAN format
-FD_SIZES = (8, 12, 16, 20, 24, 32, 48, 64)
-TYPES = (("b", 1), ("h", 2), ("i", 4), ("f", 4))
+FD_SIZES = (8, 12, 16, 20, 24, 32, 48, 64)  # bytes that a frame of CAN FD may have from 8 on
+TYPES = (("b", 1), ("h", 2), ("i", 4), ("f", 4))  # of a register in a frame: format, bytes
 STATES = {STOPPED: DriveState.OFF, POSITION_MODE: DriveState.FOLLOWING}
 FAULT_WORDS = {
     32: "calibration", 33: "motor driver", 34: "over voltage", 35: "encoder",

@@ -36,7 +36,7 @@ WORDS = {
 }  # fmt: skip
 """Bits of axis.error (fw-v0.5.4, AxisError)."""
 
-INT16 = 2**15 - 1
+INT16 = 2**15 - 1  # largest feed-forward that a frame holds, in its steps
 FAILED = 0x01
 """Bit of the flags of motor, encoder and controller in the heartbeat."""
 

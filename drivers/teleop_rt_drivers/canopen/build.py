@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Parts = tuple[Channel | None, Channel | None, Drive | None]
 
-SPEED_SATURATED = 2**15 - 1
+SPEED_SATURATED = 2**15 - 1  # raw: a speed of 16 bits shows no more than this
 
 
 def encoder_channel(config: EncoderConfig, rig: RigConfig, dictionary: ObjectDictionary) -> Channel:

@@ -20,7 +20,7 @@ VARIABLE, DOMAIN = 0x7, 0x2
 NUMERIC = ("ObjectType", "DataType", "SubNumber", "PDOMapping")
 BITS = {0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 16, 0x07: 32, 0x15: 64, 0x1B: 64}
 """Bits of each whole number's data type (CiA 301)."""
-SIGNED = (0x02, 0x03, 0x04, 0x15)
+SIGNED = (0x02, 0x03, 0x04, 0x15)  # data types: INTEGER8, 16, 32 and 64 (CiA 301)
 
 Places = dict[tuple[str, str], int]
 Refuse = Callable[[str, str], AxisError]

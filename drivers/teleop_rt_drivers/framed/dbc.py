@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import MessageChecks
     from teleop_rt_drivers.framed.source import Values
 
-EXTENDED = 1 << 31
+EXTENDED = 1 << 31  # bit of an id in a DBC file: of 29 bits, not 11
 _FLOATS = {16: "e", 32: "f", 64: "d"}
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 8, 10
 OPERATE = 0x0F
 """The controlword that keeps an enabled drive enabled."""
-LIMITS = (0x607D, 0x607F, 0x60C2)
+LIMITS = (0x607D, 0x607F, 0x60C2)  # position, speed, interpolation period (CiA 402)
 HOME_SWITCH = 1 << 2
 """Bit of the digital inputs (60FDh)."""
 VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12

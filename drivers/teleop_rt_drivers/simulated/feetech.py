@@ -14,7 +14,7 @@ CURRENT_NS = 4_000_000
 """Over so long the current that it reports is averaged: longer than between two goals."""
 CIRCUMFERENCE = 0.1
 """Rig units of position per turn."""
-TORQUE_PER_FORCE = CIRCUMFERENCE / 6.283185307179586
+TORQUE_PER_FORCE = CIRCUMFERENCE / 6.283185307179586  # Nm/N: rig units per radian
 TORQUE_PER_COUNT = 2.0 * 0.0065
 """2 Nm per ampere, 6.5 mA per count."""
 TABLE_BYTES = 87  # by the memory table of the STS series

@@ -14,7 +14,7 @@ from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 
 LEAD = 0.01
 """Rig units of position per turn: a screw of 10 mm."""
-TORQUE_PER_FORCE = LEAD / 6.283185307179586
+TORQUE_PER_FORCE = LEAD / 6.283185307179586  # Nm/N: rig units per radian
 TORQUE_CONSTANT = 0.05
 """Nm/A."""
 HEARTBEAT_NS, ENCODER_NS, WATCHDOG_NS = 10_000_000, 1_000_000, 50_000_000

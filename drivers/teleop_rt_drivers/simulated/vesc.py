@@ -15,6 +15,7 @@ PER_TURN = 0.2
 MOTOR_TURNS, POLE_PAIRS, TORQUE_CONSTANT = 4.0, 7, 0.06
 """Turns of the motor per turn of the position, its pole pairs, and Nm/A."""
 FORCE_PER_AMPERE = TORQUE_CONSTANT * MOTOR_TURNS * 6.283185307179586 / PER_TURN
+"""N/A at the handle."""
 STATUS_NS, TIMEOUT_NS = 1_000_000, 50_000_000
 """Period of its status, and the time without a command after which it lets go."""
 COLD, HOT = 250, 1250
