@@ -77,8 +77,10 @@ def _imported(file: Path) -> frozenset[Path]:
     found = set()
     for match in _IMPORT.finditer(_content(file)):
         module = (match[1] or match[3]).decode()
-        names = re.findall(r"[A-Za-z_]\w*", (match[2] or b"").decode())
-        found |= {_file_of(name) for name in (module, *(f"{module}.{name}" for name in names))}
+        found.add(place := _file_of(module))
+        if place is None or place.name == "__init__.py":  # what is named may be a module, too
+            names = re.findall(r"[A-Za-z_]\w*", (match[2] or b"").decode())
+            found |= {_file_of(f"{module}.{name}") for name in names}
     return frozenset(path for path in found if path is not None)
 
 
@@ -121,8 +123,14 @@ def fingerprint(file: Path) -> str:
     """
     digest = hashlib.sha256(machine().encode())
     for path in sorted(sources_of(file), key=_name_of):
-        digest.update(_name_of(path).encode() + b"\0" + _content(path) + b"\0")
+        digest.update(_name_of(path).encode() + b"\0" + _digest(path))
     return digest.hexdigest()[:16]
+
+
+@functools.cache
+def _digest(file: Path) -> bytes:
+    """Return the digest of a file's contents, which most kernels' sources have in common."""
+    return hashlib.sha256(_content(file)).digest()
 
 
 @functools.cache

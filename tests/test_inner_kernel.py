@@ -121,3 +121,27 @@ def test_options_of_the_compiler_are_equal_where_all_their_values_are(monkeypatc
     assert as_it_is != "options"
     assert {as_it_is: 1}[named] == 1
     assert another not in {as_it_is: 1}
+
+
+COMPILED_BEFORE = """
+import sys
+import kernels
+assert kernels.twice(21.0) == 42.0
+print(*[name for name in ("numba.cpython.listobj", "numba.typed.dictimpl") if name in sys.modules])
+"""
+
+
+def test_code_from_the_cache_is_loaded_without_what_only_compiling_needs(tmp_path):
+    (tmp_path / "kernels.py").write_text(
+        "from teleop_rt.jit import kernel\n@kernel\ndef twice(x: float) -> float: return 2.0 * x\n"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    compiling, loading = (
+        subprocess.run(
+            [sys.executable, "-c", COMPILED_BEFORE],
+            cwd=tmp_path, env=environment, capture_output=True, text=True, check=True,
+        ).stdout.split()
+        for _ in range(2)
+    )  # fmt: skip
+    assert compiling
+    assert not loading

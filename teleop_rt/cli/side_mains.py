@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import time
@@ -45,6 +46,7 @@ def run_slave(
     """Run the slave daemon; `arm` at once, for the trial's duration only."""
     if "RUNTIME_DIRECTORY" in os.environ:  # a service's group may read what it records
         os.umask(0o027)
+    gc.freeze()  # a collection before the loop would look through all modules, for 0.1 s
     with Claim() as claim:
         end = _rounds(claim, trial_file, key, overrides, out, arm=arm, as_json=as_json)
     leave_on_fault(end.outcome["safety"])
@@ -114,6 +116,7 @@ def run_master(
     as_json: bool,
 ) -> None:
     """Run the master next to the operator."""
+    gc.freeze()  # as above
     with _side("master", trial_file, overrides, out, key, as_json=as_json) as side:
         _operate(side, trial_file, key)
 
