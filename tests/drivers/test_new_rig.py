@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from importlib import resources
+from itertools import chain
+from pathlib import Path
+
 import pytest
 from framed_bench import FramedBench
 
@@ -22,6 +27,7 @@ from teleop_rt_drivers.rig_text import (
 )
 
 PORTS = "/tmp/teleop-rt-ports"  # noqa: S108 - where simulated rigs offer theirs
+DRIVE_EDS = resources.files("teleop_rt_drivers") / "eds" / "drive_cia402.eds"
 POSSIBLE = [
     (drive, adapter, sensor)
     for drive in DRIVES
@@ -172,3 +178,19 @@ def test_the_schema_that_a_rig_names_for_editors_is_beside_it(tmp_path):
     write_rig(file, rig_text("odrive", "unix", "wrench", None))
     named = file.read_text().splitlines()[0].partition("$schema=")[2]
     assert (tmp_path / named).read_text() == (EXAMPLES / "schema" / "rig.schema.json").read_text()
+
+
+def commands_of_the_how_tos() -> list[str]:
+    pages = sorted((Path(__file__).parents[2] / "docs" / "howto").glob("*.md"))
+    found = (re.findall(r"`teleop-rt (new-rig .+?)`", page.read_text()) for page in pages)
+    return list(chain.from_iterable(found))
+
+
+@pytest.mark.parametrize("command", commands_of_the_how_tos())
+def test_every_command_of_a_how_to_is_complete(command, call, tmp_path):
+    """Without its scan, which needs a bus, and with the shipped description for a maker's."""
+    words = command.replace("--eds FILE", f"--eds {DRIVE_EDS}").split()
+    words[1] = str(tmp_path / words[1])
+    code, _, errors = call(*(word for word in words if word != "--scan"))
+    assert code == 0, errors
+    load_rig(Path(words[1]), registry.AXIS_SCHEMAS)
