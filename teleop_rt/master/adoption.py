@@ -24,6 +24,7 @@ import math
 from dataclasses import replace
 
 from teleop_rt.jit import bound
+from teleop_rt.master.tank import Tank
 from teleop_rt.master.wall_law import felt, within
 from teleop_rt.master.walls import NO_WALL, Wall
 
@@ -44,28 +45,6 @@ STARVED_S = 0.1
 """A blend for which the tank has had nothing for so long is at a standstill."""
 PLACE_HALVINGS = 16
 """Of the depth, to place a hand in a wall: below a ten-thousandth of it."""
-
-
-class Tank:
-    """Energy that the rendered wall may spend, in joules; it starts full."""
-
-    def __init__(self, capacity_J: float, allowance_W: float) -> None:
-        self._capacity_J = capacity_J
-        self._allowance_W = allowance_W
-        self.level_J = capacity_J
-
-    def reset(self) -> None:
-        """Fill the tank."""
-        self.level_J = self._capacity_J
-
-    def fill(self, dissipated_J: float, dt_s: float) -> None:
-        """Take in what the hand has dissipated, and the allowance of a hand at rest."""
-        gained = max(0.0, dissipated_J) + self._allowance_W * dt_s
-        self.level_J = min(self._capacity_J, self.level_J + gained)
-
-    def spend(self, energy_J: float) -> None:
-        """Pay for an adoption; a negative energy is gained."""
-        self.level_J = min(self._capacity_J, self.level_J - energy_J)
 
 
 class Adoption:

@@ -6,7 +6,7 @@ import math
 
 from teleop_rt.config_master import MasterConfig
 from teleop_rt.config_rig import Limits
-from teleop_rt.master.adoption import Adoption, Tank
+from teleop_rt.master.adoption import Adoption
 from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.energy import PassivityObserver
 from teleop_rt.master.leash import Leash
@@ -15,6 +15,7 @@ from teleop_rt.master.provisional import Provisional
 from teleop_rt.master.registration import PhantomWatch, Registration
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.master.screening import Screening
+from teleop_rt.master.tank import Tank
 from teleop_rt.master.travel import TravelEnds
 from teleop_rt.master.wall_intake import WallIntake
 from teleop_rt.master.wall_limiter import WallLimiter

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.link.messages import ModelMessage
-from teleop_rt.master.adoption import BLEND_S, Adoption, Tank
+from teleop_rt.master.adoption import BLEND_S, Adoption
+from teleop_rt.master.tank import Tank
 from teleop_rt.master.walls import NO_WALL, Wall, wall_of
 
 DT_S = 0.001

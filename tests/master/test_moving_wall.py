@@ -7,9 +7,10 @@ from master_world import CONFIG, PERIOD_NS, World
 
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import ModelMessage
-from teleop_rt.master.adoption import Adoption, Tank
+from teleop_rt.master.adoption import Adoption
 from teleop_rt.master.energy import PassivityObserver
 from teleop_rt.master.operators import Operator
+from teleop_rt.master.tank import Tank
 from teleop_rt.master.walls import MOTION_REMEMBERED_S, Wall
 
 T = PERIOD_NS * 1e-9
