@@ -33,13 +33,7 @@ from teleop_rt_drivers.mixed import MixedAxis, MixedConfig
 from teleop_rt_drivers.recording import RecordingAxis, RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, FOREIGN, parts_of
 from teleop_rt_drivers.replayed_bus import REPLAY, ReplayAxis, ReplayBus
-from teleop_rt_drivers.simulated.actuator_network import CanActuatorNetwork
-from teleop_rt_drivers.simulated.can_network import CanNetwork
-from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
-from teleop_rt_drivers.simulated.line_actuators import LineActuatorNetwork
-from teleop_rt_drivers.simulated.rig import SimulatedRig
-from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -52,8 +46,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_rig import AxisConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.source import FramedPort
-    from teleop_rt_drivers.framed.stream import ByteStream
-    from teleop_rt_drivers.simulated.rig import Network
+    from teleop_rt_drivers.simulated.rig import SimulatedRig
 
 
 def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | None = None) -> Axis:
@@ -220,48 +213,6 @@ def open_rig_on(
             f"the driver {rig.axis.driver!r} has no simulated devices"
             ": run it on its devices, or --set plant=null"
         )
-    simulated = SimulatedRig(plant, rig, now_ns, seed)
-    for number, (name, part) in enumerate(parts_of(rig.axis).items()):
-        network = _open_network(name, part, rig, simulated, now_ns, seed + 1000 * number, ends)
-        simulated.networks.append(network)
-    return simulated
+    from teleop_rt_drivers.simulated_rig import simulated_rig  # noqa: PLC0415 - a daemon needs none
 
-
-def _open_network(
-    name: str,
-    part: AxisConfig,
-    rig: RigConfig,
-    simulated: SimulatedRig,
-    now_ns: Callable[[], int],
-    seed: int,
-    ends: Ends,
-) -> Network:
-    plant, latched = simulated.plant, simulated.note_truth
-    if isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == REPLAY:
-        raise AxisError("a replayed bus has no devices to simulate: --set plant=null")
-    if isinstance(part, CanActuatorPart):
-        bus = ends.bus(name, part.bus)
-        return CanActuatorNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
-    if isinstance(part, LineActuatorPart):
-        line = ends.line(name, part.path, part.baud)
-        return LineActuatorNetwork(part, plant, line, now_ns, rig.period_ns, seed, latched)
-    if isinstance(part, CanopenPart):
-        return CanopenNetwork(part, plant, ends.bus(name, part.bus), now_ns, seed, latched)
-    if isinstance(part, RawCanPart):
-        bus = ends.bus(name, part.bus)
-        return CanNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
-    if isinstance(part, SerialPart):
-        lines = lines_of(name, part, ends)
-        return SerialNetwork(part, plant, lines, now_ns, rig.period_ns, seed, latched)
-    raise AxisError(
-        f"the driver {part.driver!r} has no simulated devices"
-        ": run it on its devices, or --set plant=null"
-    )
-
-
-def lines_of(name: str, part: SerialPart, ends: Ends) -> dict[str, ByteStream]:
-    """Return the lines to simulated serial devices, by the names of their ports."""
-    return {
-        port: ends.line(f"{name}.{port}", part.path(port), config.baud)
-        for port, config in part.ports.items()
-    }
+    return simulated_rig(rig, plant, now_ns, seed, ends)

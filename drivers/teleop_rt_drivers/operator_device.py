@@ -13,11 +13,7 @@ from teleop_rt_drivers.ends import DaemonEnds, LockStepEnds
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters
-from teleop_rt_drivers.opening import framed_ports, lines_of
-from teleop_rt_drivers.simulated.actuator_network import CanActuatorNetwork
-from teleop_rt_drivers.simulated.canopen_network import CanopenNetwork
-from teleop_rt_drivers.simulated.hand_plant import HandPlant
-from teleop_rt_drivers.simulated.serial_network import SerialNetwork
+from teleop_rt_drivers.opening import framed_ports
 from teleop_rt_drivers.transport import actuator_transport, canopen_transport, serial_transport
 
 if TYPE_CHECKING:
@@ -27,6 +23,7 @@ if TYPE_CHECKING:
     from teleop_rt.config_operator import DeviceOperator
     from teleop_rt.config_rig import RigConfig
     from teleop_rt_drivers.ends import Ends
+    from teleop_rt_drivers.simulated.hand_plant import HandPlant
     from teleop_rt_drivers.simulated.rig import Network
     from teleop_rt_drivers.transport import TransportTimes
 
@@ -76,32 +73,13 @@ def simulated_device(
     config: DeviceOperator, now_ns: Callable[[], int], seed: int
 ) -> tuple[CanopenAxis | FramedAxis, Network, HandPlant]:
     """Return an operator's device and, in the same process, its parts and the plant they are on."""
+    from teleop_rt_drivers.simulated_rig import hand_on_device  # noqa: PLC0415 - a daemon needs none
+
     ends = LockStepEnds()
     network, plant = hand_on_device(config, now_ns, seed, ends.devices)
     ends.answer_with(network.process)
     network.power_on()
     return _open_device_on(config.rig, device_axis(config.rig), now_ns, ends), network, plant
-
-
-def hand_on_device(
-    config: DeviceOperator, now_ns: Callable[[], int], seed: int, ends: Ends
-) -> tuple[Network, HandPlant]:
-    """Return the parts of an operator's device on ends of one's own choice, and their plant.
-
-    Raises AxisError.
-    """
-    rig, axis = config.rig, device_axis(config.rig)
-    plant = HandPlant(config, device_transport(rig), now_ns(), seed)
-    if isinstance(axis, CanopenDeviceConfig):
-        bus = ends.bus("", axis.bus)
-        return CanopenNetwork(axis, plant, bus, now_ns, seed, lambda: None), plant
-    if isinstance(axis, ActuatorDeviceConfig):
-        made = CanActuatorNetwork(
-            axis.drive, plant, ends.bus("", axis.bus), now_ns, rig.period_ns, seed, lambda: None
-        )
-        return made, plant
-    lines = lines_of("", axis, ends)
-    return SerialNetwork(axis, plant, lines, now_ns, rig.period_ns, seed, lambda: None), plant
 
 
 def _open_device_on(

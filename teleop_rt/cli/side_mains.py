@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from teleop_rt.axis import Axis, AxisError
 from teleop_rt.cli.leaving import leave_on_fault
@@ -29,7 +30,9 @@ from teleop_rt.trial.folder import TRUTH, new_folder, write_json, write_trial
 from teleop_rt.trial.process_main import RIG_PRIORITY, SlaveEnd, master_main, slave_main
 from teleop_rt.trial.side import Configs, Side
 from teleop_rt_drivers import opening, operator_device, registry
-from teleop_rt_drivers.simulated.hand_plant import HandPlant
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.simulated.hand_plant import HandPlant
 
 _KEYS_OF: dict[str, Callable[[Path], object]] = {"slave": load_keys, "master": load_own_key}
 

@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,10 @@ from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOP
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
 from teleop_rt_drivers import opening, operator_device, registry
-from teleop_rt_drivers.simulated.hand_plant import HandPlant
-from teleop_rt_drivers.simulated.rig import SimulatedRig
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.simulated.hand_plant import HandPlant
+    from teleop_rt_drivers.simulated.rig import SimulatedRig
 
 
 def load_trial_file(trial_file: Path, overrides: list[str] | None) -> TrialConfig:

@@ -26,6 +26,7 @@ from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, HandleBench
 from teleop_rt_drivers import opening, operator_device, registry
 from teleop_rt_drivers.ends import DeviceEnds
 from teleop_rt_drivers.simulated.reference import environment_force
+from teleop_rt_drivers.simulated_rig import hand_on_device
 
 LAG_MS = {CANOPEN: 1.5, SERIAL: 2.5}
 """Latency and half a period, with a little of the lag of the filtered damping."""
@@ -192,7 +193,7 @@ def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
     ports = f"operator.rig.axis.folder={tmp_path}/ports"
     config = load_trial_file(SERIAL, [ports]).operator
     now_ns = time.monotonic_ns
-    network, plant = operator_device.hand_on_device(config, now_ns, 1, DeviceEnds())
+    network, plant = hand_on_device(config, now_ns, 1, DeviceEnds())
     network.power_on()
     ended = threading.Event()
 
