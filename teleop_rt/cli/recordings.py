@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from teleop_rt.offline.table import Table
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NEXT_PAIR = re.compile(r",(?=\s*\w+=)")  # a comma may also be part of a column's name
 _MOST_RATE_HZ = 1e9  # as rate_hz in NAME.columns.yaml: stamps are whole nanoseconds
 BASE_HELP = (
     f"a model: {', '.join(MODEL_IDS)}; or comma-separated terms: {', '.join(TERM_IDS)}. "
@@ -237,7 +238,7 @@ def table_of(columns: list[str] | None, units: list[str] | None, rate: float | N
 
 def _pairs(given: list[str] | None, option: str) -> dict[str, str]:
     pairs = {}
-    for text in (part for item in given or () for part in item.split(",")):
+    for text in (part for item in given or () for part in _NEXT_PAIR.split(item)):
         role, separator, name = text.partition("=")
         if not separator:
             raise RecordingError(f"{option} {text}: write ROLE=NAME, for example position=xs_rad")

@@ -119,6 +119,11 @@ def test_a_unit_that_is_stated_counts_before_the_names_and_both_are_printed(
             "no column for force; unknown unit of x_ft (unit 'ft'): give its factor",
             "--columns position=x_ft force=NAME --units position=FACTOR,",
         ),
+        (
+            ("time", "force", "force", "x_mm"),
+            "force (column 2), force (column 3) could each be the force;",
+            "--columns force=NAME,",
+        ),
         (("t_s", "pos_z", "F_N"), "no column for position; ", "--columns position=pos_z,"),
         (
             ("Time [Sek.]", "Distance [mm]", "F_N"),
@@ -133,10 +138,21 @@ def test_all_that_lacks_is_listed_at_once_with_what_there_is_and_options_to_past
     with pytest.raises(RecordingError) as raised:
         load(table(tmp_path / "a.csv", *names))
     assert cause in str(raised.value)
-    assert f"there are: {', '.join(names)}; write {options}" in str(raised.value)
+    assert f"; write {options}" in str(raised.value)
+    assert all(name in str(raised.value).partition("there are: ")[2] for name in names)
     assert str(raised.value).endswith(" with --rate") == ("time" in options)
 
 
 def test_the_seconds_and_distance_of_a_texture_analyser_are_found(tmp_path: Path) -> None:
     found = load(table(tmp_path / "a.csv", "Time [sec.]", "Distance [mm]", "Force [N]"))
     assert found.position == pytest.approx(1e-3 * X)
+
+
+def test_a_unit_behind_a_comma_is_one_and_the_column_can_be_named(tmp_path: Path, call) -> None:
+    path = table(tmp_path / "a.csv", "t", "x", "F")
+    text = path.read_text().replace("t,x,F", '"Time, s","Crosshead, mm","Force, N"')
+    path.write_text(text)
+    assert load(path).position == pytest.approx(1e-3 * X)
+    named = "position=Crosshead, mm,force=Force, N"
+    code, _, errors = call("replay", path, "--columns", named, "--models", "kelvin-voigt")
+    assert code == 0, errors

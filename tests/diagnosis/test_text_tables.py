@@ -268,3 +268,26 @@ def test_times_that_repeat_are_counted_and_those_that_go_back_are_not(
         path = written(tmp_path / f"{name}.csv", ["t_s,x_mm,F_N", *lines(table, ",")])
         with pytest.raises(RecordingError, match=f"does not increase at sample .* s; {next_step}"):
             load(path)
+
+
+def test_stamps_of_minutes_and_seconds_are_no_hours_and_minutes(
+    tmp_path: Path, rows: np.ndarray
+) -> None:
+    """As a spreadsheet writes a time below an hour: 00:12.340."""
+    stamps = [f"{int(t) // 60:02d}:{t % 60.0:06.3f}" for t in rows[:, 0] + 45.0]
+    table = [f"{stamp},{x},{f}" for stamp, (_, x, f) in zip(stamps, rows, strict=True)]
+    found = load(written(tmp_path / "a.csv", ["Time,x_mm,F_N", *table]))
+    assert found.dt == pytest.approx(1.0 / RATE_HZ)
+    np.testing.assert_allclose(found.position, 1e-3 * rows[:, 1])
+
+
+def test_a_rule_below_the_names_is_no_name(tmp_path: Path, rows: np.ndarray) -> None:
+    head = ["t_s      x_mm     F_N", "-------  -------  -------"]
+    found = load(written(tmp_path / "a.txt", head + lines(rows, "  ")))
+    np.testing.assert_allclose(found.force, rows[:, 2])
+
+
+def test_the_last_line_is_shown_where_no_numbers_are_found(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", ["t,x,F", *(f'="{t}",="{t}",="0"' for t in range(99))])
+    with pytest.raises(RecordingError, match=r"""other found \(line 100: '="98",="98",="0"'\)"""):
+        load(path)

@@ -16,18 +16,20 @@ _NAMES = {
 }
 _SENSORS = {
     "time": {"elapsed", "elapsed_time", "datetime", "date/time", "zeit", "pr\u00fcfzeit"},
-    "position": {"encoder", "stroke", "travel", "distance", "depth", "indentation", "disp",
-                 "extension", "weg", "standardweg"},
+    "position": {"encoder", "stroke", "travel", "crosshead", "distance", "depth",
+                 "indentation", "disp", "extension", "weg", "standardweg"},
     "force": {"load", "load_cell", "loadcell", "fz", "kraft", "standardkraft"},
 }  # fmt: skip
 """Names that are taken for a role where no column has a name of the quantity itself."""
+_NUMBERED = re.compile(r" \(column \d+\)$")  # of names that a table has more than once
 _AXES = {"x", "y", "z", "rx", "ry", "rz"}
 """Ends of names that state an axis and no unit."""
 
 
 def columns_named(table: Mapping[str, Vector], role: str) -> list[str]:
     """Return the columns whose names fit the role: one, none, or several that each could be it."""
-    plain = {name: without_units(name, role)[0] for name in table if table[name].size > 1}
+    own = {name: _NUMBERED.sub("", name) for name in table if table[name].size > 1}
+    plain = {name: without_units(word, role)[0] for name, word in own.items()}
     # A capital letter alone is another quantity (T a period), a capital in a word is not.
     plain = {
         name: word if len(word) == 1 else word.lower().replace(" ", "_")
@@ -36,14 +38,14 @@ def columns_named(table: Mapping[str, Vector], role: str) -> list[str]:
     known = [name for name, word in plain.items() if word in _NAMES.get(role, ())]
     known = known or [name for name, word in plain.items() if word in _SENSORS.get(role, ())]
     # A letter alone may be anything beside a word; one with a unit is as good as a word.
-    return [name for name in known if len(plain[name]) > 1 or name != plain[name]] or known
+    return [name for name in known if len(plain[name]) > 1 or own[name] != plain[name]] or known
 
 
 def without_units(name: str, role: str) -> tuple[str, list[str]]:
     """Return a name without the units that it ends with, the last first, and these units.
 
-    x_mm, x [mm], x (mm), x/mm and x in mm have one. `x_mm [mm]`, as a line of units below the names
-    gives it, has two.
+    x_mm, x [mm], x (mm), x/mm, "x, mm" and x in mm have one. `x_mm [mm]`, as a line of
+    units below the names gives it, has two.
     """
     plain, units = _without_unit(name, role)
     if units and name.endswith(("]", ")")):
@@ -60,7 +62,7 @@ def without_each_unit(name: str, role: str) -> list[str]:
 def _without_unit(name: str, role: str) -> tuple[str, list[str]]:
     units = "|".join(re.escape(unit) for unit in sorted(UNITS[role], key=len, reverse=True))
     match = re.fullmatch(
-        rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\)|\s*/\s*({units})|\s+in\s+({units}))",
+        rf"(.+?)(?:_({units})|\s*\[({units})\]|\s*\(({units})\)|\s*[/,]\s*({units})|\s+in\s+({units}))",
         name,
     )
     if match is None:

@@ -45,6 +45,8 @@ _FIGURE = re.compile(
 _DECIMAL = re.compile(r"[-+]?\d*[.,]\d+(e[-+]?\d+)?", re.IGNORECASE)
 _GROUPED = re.compile(r"[-+]?\d{1,3}((\.\d{3})+,|(,\d{3})+\.)\d+")
 _WITH_UNIT = re.compile(r"[-+]?\d+[.,]?\d*(e[-+]?\d+)?\s*[^\W\d_]{1,3}", re.IGNORECASE)
+_RULE = re.compile(r"[-=_|+\s]+")
+_MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)")
 _GERMAN_DATE = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})\s+(.+)")
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -120,7 +122,7 @@ def _located(path: Path, encoding: str) -> _Text:
     with path.open(encoding=encoding) as stream:
         begun = iter(lambda: stream.readline(_LONGEST_LINE), "")
         lines = [line.rstrip("\r\n") for line in islice(begun, _LONGEST_PREAMBLE + _ALIKE)]
-    filled = [i for i, line in enumerate(lines) if line.strip()]
+    filled = [i for i, line in enumerate(lines) if line.strip() and not _RULE.fullmatch(line)]
     if not filled:
         raise ValueError("the file is empty")
     rows = [i for i in filled if not lines[i].lstrip().startswith(_COMMENT)]
@@ -143,7 +145,8 @@ def _located(path: Path, encoding: str) -> _Text:
     if len(rows) < 2:
         raise ValueError("no data")
     _refuse_units_in_cells(lines[rows[-1]], rows[-1])
-    raise ValueError("no lines of numbers below each other found")
+    last = f"line {rows[-1] + 1}: {lines[rows[-1]].strip()[:_SHOWN]!r}"
+    raise ValueError(f"no lines of numbers below each other found ({last})")
 
 
 def _refuse_units_in_cells(line: str, place: int) -> None:
@@ -288,6 +291,8 @@ def _seconds_of(cell: str) -> float | None:
         cell = f"{year}-{month:0>2}-{day:0>2} {clock}"
     if ":" not in cell:
         return None
+    if (minutes := _MINUTES.fullmatch(cell)) is not None:
+        return 60.0 * float(minutes[1]) + float(minutes[2].replace(",", "."))
     try:
         stamp = datetime.fromisoformat(cell.replace(",", "."))
     except ValueError:
