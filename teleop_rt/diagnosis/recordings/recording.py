@@ -13,21 +13,20 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.diagnosis.recordings.resampling import GAP, Grid, covered, resampled
 from teleop_rt.diagnosis.recordings.table_files import read_table
-from teleop_rt.diagnosis.recordings.units import factor_of
+from teleop_rt.diagnosis.recordings.usable import (
+    period_of,
+    refuse_nothing_to_learn,
+    refuse_other_lengths,
+    usable,
+)
 from teleop_rt.diagnosis.samples.filters import pieces
-from teleop_rt.diagnosis.samples.rows import Stretch, lone, quantisation_step, stretches
+from teleop_rt.diagnosis.samples.rows import Stretch, quantisation_step, stretches
 from teleop_rt.errors import RecordingError
-from teleop_rt.section import LEAST, MOST
 
 _NEEDED = ("time", "position", "force")
-MIN_SAMPLES = 300  # fewer cannot separate noise and effect
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _SLOWEST_STATED_HZ = 2.0  # Hz; a testing machine's, where the unit of time is stated
-_ROUNDED = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
-_SHORTEST_S = 0.2  # s: ten of the windows of 20 ms in which velocities are found
 _CLOCK_FITS = 3  # of a line through the stamps; the ticks change no more after the second
-_MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
-"""An even grid has at most so many points for each sample, and so many more: gaps are few."""
 _SHORT_GAP = 3  # samples that a cubic bridges better than a line, at the usual windows
 _SMOOTHER = 0.5  # of the other's third differences; interpolation alone smooths noise to 0.7
 
@@ -100,7 +99,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     reference = found.get("reference")
     columns = {"time": time, "position": position.values, "force": force.values}
     columns |= {} if reference is None else {"reference": reference.values}
-    _refuse_other_lengths(path.name, columns)
+    refuse_other_lengths(path.name, columns)
     fresh = _fresh(path, table, layout, time)
     columns = {role: column[fresh] for role, column in columns.items()}
     columns["force"] = without_lag(columns["time"], columns["force"], layout.force_lag_s)
@@ -138,15 +137,6 @@ def _fresh(
 def without_lag(time: Vector, force: Vector, lag_s: float) -> Vector:
     """Return the force (n,) as it was at the times [s], where it is known to come late."""
     return np.interp(time + lag_s, time, force) if lag_s else force
-
-
-def _refuse_other_lengths(name: str, columns: Mapping[str, Vector]) -> None:
-    """Raise RecordingError where columns differ in length."""
-    if len({column.size for column in columns.values()}) > 1:
-        sizes = ", ".join(f"{role} {column.size}" for role, column in columns.items())
-        raise RecordingError(
-            f"{name}: columns of different length: {sizes}; export all from one table"
-        )
 
 
 def last_known(surface: Vector) -> float | None:
@@ -188,11 +178,11 @@ def from_columns(
 
     Raises RecordingError where nothing can be found out from them.
     """
-    good = _usable(name, *(columns[role] for role in _NEEDED))
+    good = usable(name, *(columns[role] for role in _NEEDED))
     if not good.all():  # else no copies
         columns |= {role: column[good] for role, column in columns.items()}
-    dt = _period(name, columns["time"], slowest_hz)
-    _refuse_nothing_to_learn(name, columns["position"], columns["force"])
+    dt = period_of(name, columns["time"], slowest_hz)
+    refuse_nothing_to_learn(name, columns["position"], columns["force"])
     t, dt = _clock(columns.pop("time"), dt, columns["position"])
     grid = Grid(float(t[0]), dt, round(float(t[-1] - t[0]) / dt) + 1)
     mask = covered(grid, t)
@@ -221,71 +211,6 @@ def from_columns(
     )
 
 
-def _usable(name: str, time: Vector, position: Vector, force: Vector) -> NDArray[np.bool_]:
-    """Return which samples can be used; raises RecordingError if they are too few."""
-    _refuse_other_lengths(name, {"time": time, "position": position, "force": force})
-    if time.size < MIN_SAMPLES:
-        raise RecordingError(
-            f"{name}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed"
-        )
-    sense = {"time": _of_sense(time), "position": _of_sense(position), "force": _of_sense(force)}
-    good = sense["time"] & sense["position"] & sense["force"]
-    if np.count_nonzero(good) < max(MIN_SAMPLES, time.size // 2):
-        bad = {role: int(np.sum(~here)) for role, here in sense.items() if not here.all()}
-        next_step = "check the columns and their units"
-        if bad.get("time") == time.size:
-            next_step = "export times in seconds, or as 2026-01-31 14:05:09.250"
-        raise RecordingError(
-            f"{name}: of {time.size} samples {_listed(bad)} are not a number, or beyond"
-            f" {MOST:g}: {next_step}"
-        )
-    good[good] = ~lone(position[good])
-    return good
-
-
-def _listed(counts: Mapping[str, int]) -> str:
-    """Return how many samples of which columns: 4 of position and 12 of force."""
-    *first, last = (f"{count} of {role}" for role, count in counts.items())
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-def _period(name: str, t: Vector, slowest_hz: float) -> float:
-    """Return the median period [s]; raises RecordingError if the times are no recording's."""
-    steps = np.diff(t)
-    if np.any(steps <= 0.0):
-        place, repeated = int(np.argmax(steps <= 0.0)), np.count_nonzero(steps == 0.0)
-        next_step = "sort the rows by time, or keep the part before or after"
-        if repeated == np.count_nonzero(steps <= 0.0):
-            next_step = (
-                f"{repeated} of {t.size} times are the same as those before: export finer times,"
-                " or only rows with new ones; or leave the times out, and give --rate"
-            )
-        raise RecordingError(
-            f"{name}: time does not increase at sample {place + 1}: {t[place]:.6g} s is followed"
-            f" by {t[place + 1]:.6g} s; {next_step}"
-        )
-    dt = float(np.median(steps))
-    if not (t[-1] - t[0]) / dt <= _MOST_GRID_SHARE * t.size + _MOST_GRID:
-        place = int(np.argmax(steps))
-        raise RecordingError(
-            f"{name}: time jumps by {steps[place]:.3g} s after sample {place + 1}, and samples are"
-            f" {dt:.3g} s apart: cut the recording there"
-        )
-    if dt > _ROUNDED / slowest_hz:
-        fitting = (unit for unit in ("ms", "us") if factor_of("time", unit) * dt < 1.0 / slowest_hz)
-        unit = next(fitting, "ns")
-        raise RecordingError(
-            f"{name}: wrong unit? samples are {dt:.3g} s apart, too far to see a contact; if time"
-            f" is in {unit}, say so with --units time={unit}"
-        )
-    if t[-1] - t[0] < _SHORTEST_S:
-        raise RecordingError(
-            f"{name}: wrong unit? the recording lasts {t[-1] - t[0]:.3g} s, at least"
-            f" {_SHORTEST_S:g} s are needed; if time is in s, say so with --units time=s"
-        )
-    return dt
-
-
 def refuse_other_units(test: Recording, recording: Recording) -> None:
     """Raise RecordingError if one is in lengths and forces, the other in angles and torques."""
     if test.units != recording.units:
@@ -293,18 +218,6 @@ def refuse_other_units(test: Recording, recording: Recording) -> None:
             f"{recording.name}: in {' and '.join(recording.units)}, but {test.name}, on which its"
             f" error is to be computed, in {' and '.join(test.units)}: give the units with --units"
         )
-
-
-def _of_sense(row: Vector) -> NDArray[np.bool_]:
-    """Return which values are numbers, and such as a machine has: squares of others overflow."""
-    return np.asarray(np.abs(row) <= MOST, dtype=np.bool_)
-
-
-def _refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None:
-    if np.ptp(force) <= LEAST:
-        raise RecordingError(f"{name}: the force is constant ({force[0]:.6g}): is it connected?")
-    if np.ptp(position) <= LEAST:
-        raise RecordingError(f"{name}: no excitation: the position never changes")
 
 
 def _clock(t: Vector, dt: float, position: Vector) -> tuple[Vector, float]:
