@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import codecs
 import csv
-import math
 import re
 import sys
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, time
 from itertools import islice
 from pathlib import Path
 
@@ -23,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.recordings.cells import is_number, number_of
 from teleop_rt.diagnosis.recordings.units import are_units
 from teleop_rt.recording_memory import most_bytes, refuse_more
 
@@ -39,15 +38,10 @@ _DELIMITERS = ("\t", ";", None, ",")
 _COMMENT = "#"
 _SHOWN = 40  # characters of a cell in a message
 _HINT = "; if commas mark the decimals, separate the columns by semicolons"
-_FIGURE = re.compile(
-    r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE
-)
 _DECIMAL = re.compile(r"[-+]?\d*[.,]\d+(e[-+]?\d+)?", re.IGNORECASE)
 _GROUPED = re.compile(r"[-+]?\d{1,3}((\.\d{3})+,|(,\d{3})+\.)\d+")
 _WITH_UNIT = re.compile(r"[-+]?\d+[.,]?\d*(e[-+]?\d+)?\s*[^\W\d_]{1,3}", re.IGNORECASE)
 _RULE = re.compile(r"[-=_|+\s]+")
-_MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)")
-_GERMAN_DATE = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})\s+(.+)")
 _MARKS = {
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF16_LE: "utf-16",
@@ -171,7 +165,7 @@ def _are_numbers(table: Sequence[Sequence[str]]) -> bool:
     """Return whether the lines have as many fields, and at least two columns of numbers."""
     if len(table) < 2 or len({len(cells) for cells in table}) > 1:
         return False
-    full = sum(all(map(_is_number, column)) for column in zip(*table, strict=True))
+    full = sum(all(map(is_number, column)) for column in zip(*table, strict=True))
     return full >= 2
 
 
@@ -181,7 +175,7 @@ def _refuse_grouped(table: Sequence[Sequence[str]], first: int) -> None:
     if len(table) < 2 or len({len(row) for row in table}) > 1 or len(table[0]) < 2:
         return
     grouped = [cell for cell in cells if _GROUPED.fullmatch(cell)]
-    if grouped and all(_GROUPED.fullmatch(cell) or _is_number(cell) for cell in cells):
+    if grouped and all(_GROUPED.fullmatch(cell) or is_number(cell) for cell in cells):
         raise TableError(
             f"line {first + 1}: {grouped[0]!r} has its thousands grouped: export the table without"
             " marks of thousands"
@@ -194,15 +188,15 @@ def _refuse_other_count(line: str, delimiter: str | None, first: int, columns: i
     if delimiter is None or len(cells) < 2 or _is_name_of(cells, columns):
         return
     hint = _HINT if delimiter == "," else ""
-    if all(map(_is_number, cells)):
+    if all(map(is_number, cells)):
         raise TableError(f"line {first + 1} has {columns} fields, not {len(cells)}{hint}")
-    if not any(map(_is_number, cells)):
+    if not any(map(is_number, cells)):
         raise TableError(f"{len(cells)} names for {columns} columns{hint}")
 
 
 def _is_name_of(cells: Sequence[str], columns: int) -> bool:
     """Return whether cells can be names: one for each column, the last may have none."""
-    return columns - 1 <= len(cells) <= columns and not any(map(_is_number, cells))
+    return columns - 1 <= len(cells) <= columns and not any(map(is_number, cells))
 
 
 def _names_of(above: Sequence[str], columns: int, delimiter: str | None) -> list[str]:
@@ -247,8 +241,8 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
                     " or remove it"
                 )
             for name, cell in zip(text.names, cells, strict=True):
-                numbers.append(_number_of(cell))
-                if cell and not _is_number(cell):
+                numbers.append(number_of(cell))
+                if cell and not is_number(cell):
                     texts.append((number, name, cell[:_SHOWN]))
                 elif _DECIMAL.fullmatch(cell):
                     marks.add("," in cell)
@@ -268,40 +262,3 @@ def _note_texts(path: Path, texts: Sequence[tuple[int, str, str]]) -> None:
             " counted as missing",
             file=sys.stderr,
         )
-
-
-def _is_number(cell: str) -> bool:
-    return _FIGURE.fullmatch(cell) is not None or _seconds_of(cell) is not None
-
-
-def _number_of(cell: str) -> float:
-    """Return the number in a field, the seconds of a stamp, or not-a-number."""
-    cell = cell.strip().strip('"').strip()
-    if _FIGURE.fullmatch(cell):
-        return float(cell.replace(",", "."))
-    seconds = _seconds_of(cell)
-    return math.nan if seconds is None else seconds
-
-
-def _seconds_of(cell: str) -> float | None:
-    """Return the seconds of a stamp, of a day or since 1970 (UTC where it names no zone)."""
-    german = _GERMAN_DATE.fullmatch(cell)
-    if german is not None:
-        day, month, year, clock = german.groups()
-        cell = f"{year}-{month:0>2}-{day:0>2} {clock}"
-    if ":" not in cell:
-        return None
-    if (minutes := _MINUTES.fullmatch(cell)) is not None:
-        return 60.0 * float(minutes[1]) + float(minutes[2].replace(",", "."))
-    try:
-        stamp = datetime.fromisoformat(cell.replace(",", "."))
-    except ValueError:
-        pass
-    else:
-        return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
-    try:
-        clock_time = time.fromisoformat(cell.replace(",", "."))
-    except ValueError:
-        return None
-    hours = clock_time.hour * 60 + clock_time.minute
-    return 60.0 * hours + clock_time.second + 1e-6 * clock_time.microsecond
