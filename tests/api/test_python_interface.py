@@ -234,7 +234,7 @@ def test_a_step_by_step_estimator_leaves_nothing_behind():
         ({"force": ["a"] * 750}, "force: not an array of numbers"),
         ({"force": np.zeros(750, complex)}, "force: complex numbers"),
         ({"force": np.zeros(700)}, "columns of different length"),
-        ({"force": np.full(750, np.nan)}, "750 of 750 samples are not a number"),
+        ({"force": np.full(750, np.nan)}, "of 750 samples 750 of force are not a number"),
         ({"time_s": np.arange(750)[::-1] * 4e-3}, "time does not increase at sample 1"),
         ({"time_s": np.arange(750) * 4.0}, "wrong unit"),
         ({"position": 1e3 * press()[1] * 1e3}, "wrong unit"),
