@@ -8,13 +8,13 @@ models, energy of adoptions and walls that its device cannot render.
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-import structlog
 from numpy.typing import NDArray
 
 from teleop_rt.link.troubles import TROUBLES
@@ -48,10 +48,6 @@ class EventLog:
 
     def __init__(self, path: Path | None = None) -> None:
         self._file: TextIO = path.open("a", encoding="utf-8") if path else sys.stderr
-        self._log: Any = structlog.wrap_logger(
-            structlog.PrintLogger(self._file),
-            processors=[structlog.processors.JSONRenderer()],
-        )
         self._state = self._fault = -1
         self._contact_id = self._inadequate = 0
         self._said_ns = 0
@@ -67,8 +63,9 @@ class EventLog:
 
     def write(self, event: str, stamp_ns: int, **content: Any) -> None:
         """Write one event; a disk that is full loses it, and nothing else."""
+        line = json.dumps({"stamp_ns": stamp_ns, **content, "event": event})
         with contextlib.suppress(OSError):
-            self._log.info(event, stamp_ns=stamp_ns, **content)
+            print(line, file=self._file, flush=True)
 
     def watch_slave(self, rows: NDArray[np.float64]) -> None:
         """Log changes of state, fault, contact and of the model's adequacy.
