@@ -124,6 +124,7 @@ def test_a_unit_that_is_stated_counts_before_the_names_and_both_are_printed(
             "force (column 2), force (column 3) could each be the force;",
             "--columns force=NAME,",
         ),
+        (("t_s", "x_mm", "force_sensor"), "no column for force; ", "--columns force=force_sensor,"),
         (("t_s", "pos_z", "F_N"), "no column for position; ", "--columns position=pos_z,"),
         (
             ("Time [Sek.]", "Distance [mm]", "F_N"),

@@ -71,11 +71,15 @@ def _without_unit(name: str, role: str) -> tuple[str, list[str]]:
 
 
 def foreign_unit(name: str, role: str) -> str | None:
-    """Return the unknown unit for which alone a column lacks its role, None if that is not so."""
-    found = re.fullmatch(r"(.+?)(?:_|\s*[\[(])([^\W\d_]{1,7}\.?)[\])]?", name)
+    """Return the unknown unit for which alone a column lacks its role, None if that is not so.
+
+    It stands in brackets, or is short: `force_sensor` has none.
+    """
+    found = re.fullmatch(r"(.+?)(?:_([^\W\d_]{1,3})|\s*[\[(]([^\])]{1,9})[\])])", name)
     if found is None or found[1].lower() not in _NAMES[role] | _SENSORS[role]:
         return None
-    return None if found[2].lower() in {*_AXES, *UNITS[role]} else found[2]
+    unit = found[2] or found[3]
+    return None if unit.lower() in _AXES else unit
 
 
 def may_be(name: str, role: str) -> bool:
