@@ -79,13 +79,6 @@ class RecordedMotion:
 
         return self.made(("every", number), make)
 
-    def part(self, first: int, last: int) -> RecordedMotion:
-        """Return the samples from `first` to `last`, with the same scales."""
-        cut = slice(first, last)
-        return RecordedMotion(
-            self.t[cut], self.x[cut], self.v[cut], self.a[cut], self.dt, dict(self.scales)
-        )
-
 
 def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vector, Vector]:
     """Return position, velocity and acceleration by a local polynomial of order 5, twiced.
