@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.inference.tones import (
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import (
-    converter_floor,
+    converter_errors,
     errors_without_jumps,
     input_floor,
     within_a_step,
@@ -61,7 +61,8 @@ class Ranking:
     @cached_property
     def _reading_errors(self) -> Matrix:
         """The same with the mean errors of the steps in which the force is read."""
-        return self.rows + converter_floor(self.problem, self.base, len(self.rows))
+        steps = converter_errors(self.problem, self.base, len(self.rows))
+        return self.rows + self.problem.whitener(steps)
 
     @cached_property
     def floor(self) -> float:

@@ -27,12 +27,11 @@ from teleop_rt.diagnosis.samples.smoothing import lost_motion, moves_in_steps
 
 _JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side
 _ENCODER_DRAWS = 10  # draws of the encoder's errors
+_SEED = 7  # of every draw here: an answer is the same each time
 _WINDOW_FACTORS, _PROJECTIONS = (8, 4, 2, 1), 6
 
 
-def input_errors(
-    motion: RecordedMotion, recording: Recording, seed: int = 7
-) -> list[RecordedMotion]:
+def input_errors(motion: RecordedMotion, recording: Recording) -> list[RecordedMotion]:
     """Return motions as a noisy encoder would have read them, for the same movement.
 
     The quantisation grid is shifted at random under the smoothed position, so slow motion has slow
@@ -46,7 +45,7 @@ def input_errors(
     """
     step = resolution_step(recording.position, recording.dt)
     half = motion.half
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(_SEED)
     rests = _rests(recording.position, 2 * half + 1)
     noise = reading_noise(recording.position, recording.dt)
     seen = quantisation_step(recording.position) > 0.0 and noise <= 0.0
@@ -152,14 +151,7 @@ def input_floor(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Mat
     return problem.whitener(force_errors(problem, fit, errors))
 
 
-def converter_floor(problem: Problem, fit: Fit, draws: int, seed: int = 7) -> Matrix:
-    """Return the whitened mean errors of the steps in which the force is read (draws x values)."""
-    if problem.force_step <= 0.0:
-        return np.zeros((draws, problem.target.size))
-    return problem.whitener(converter_errors(problem, fit, draws, seed))
-
-
-def converter_errors(problem: Problem, fit: Fit, draws: int, seed: int = 7) -> Matrix:
+def converter_errors(problem: Problem, fit: Fit, draws: int) -> Matrix:
     """Return the mean errors of the steps in which the force is read (draws x samples).
 
     Each draw shifts the grid of steps under the fit's force. Noise smaller than a step leaves an
@@ -170,7 +162,7 @@ def converter_errors(problem: Problem, fit: Fit, draws: int, seed: int = 7) -> M
         return np.zeros((draws, problem.force.size))
     noise = before_steps(force_noise(problem.force, step), step)
     clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
-    shifts = np.random.default_rng(seed).uniform(-0.5, 0.5, draws) * step
+    shifts = np.random.default_rng(_SEED).uniform(-0.5, 0.5, draws) * step
     return np.array([mean_error(clean + s, step, noise) for s in shifts])
 
 
