@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
+Matrix = Vector  # the type does not know the number of dimensions
 StepFunction = Callable[[Vector, float, float, float, float, float, Vector], float]
 """Compiled `(state, x, v, a, t, dt, eta) -> value`.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.inference.pairs import fit_without, without
 from teleop_rt.diagnosis.inference.ranked import Ranked, explains, slack_of
 from teleop_rt.diagnosis.inference.verdict import Judgement
@@ -16,7 +16,6 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import phases
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 CANDIDATES_SHOWN = 15
 """Candidates in the answer; those behind the fifteenth were never close in any recording."""

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.diagnosis.answers.answer import fill
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC, DOUBT_WEIGHT, ENCODER_ENERGY_RATIO
 from teleop_rt.diagnosis.models.axes import grid
@@ -26,7 +26,6 @@ from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.encoder import force_of_a_step
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 POWER_SIGMAS = 1.645  # one-sided 95 % of a normal distribution
 _SHAPES = 4  # values tried of each shape parameter, over its bounds

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.held_out import BLOCKS, FOLDS
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 _ROWS = 8000  # samples of the normal equations; more change the third digit of an error
 _RIDGE = 1e-10  # of the columns' mean square; keeps collinear terms solvable

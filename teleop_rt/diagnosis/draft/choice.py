@@ -9,7 +9,7 @@ from math import factorial
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.draft.blocks import FoldEquations
 from teleop_rt.diagnosis.draft.terms import (
     GROUPS,
@@ -22,7 +22,6 @@ from teleop_rt.diagnosis.draft.terms import (
 )
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 MOST_TERMS = 4  # a person has to read the law; a fifth gains less than a tenth on the campaign
 _GAIN = 0.02  # of the mean square on hidden blocks by which a further term must lower it

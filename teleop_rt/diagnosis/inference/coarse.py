@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import force_of
-from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener, band_bins
+from teleop_rt.diagnosis.noise.whiten import Whitener, band_bins
 
 LEAST_HZ, JUMPS_HZ = 250.0, 500.0  # at half of either, some laws start too far from the optimum
 LEAST_SAMPLES, JUMPS_SAMPLES = 6_000, 12_000  # of a long recording: it is a slow machine's

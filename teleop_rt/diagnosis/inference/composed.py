@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.inference.starts import Start, extended, gain_of_slopes, points_of
 from teleop_rt.diagnosis.models.axes import grid
@@ -22,7 +22,6 @@ from teleop_rt.diagnosis.models.model import (
     nonlinear_amplitude,
 )
 from teleop_rt.diagnosis.models.predict import force_of
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 _SOLVED = 8  # places of a law's grid that are solved, of those that promise most; 3 lost a pair
 Place = tuple[Vector, Vector | None]

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from teleop_rt.contact.effect import Matrix
 from teleop_rt.diagnosis.criteria import (
     SEARCHED_SHAPE_FACTOR,
 )
@@ -33,7 +34,6 @@ from teleop_rt.diagnosis.noise.structure import (
     power_in_time,
     tangent_space,
 )
-from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _ENCODER_DRAWS = 3  # draws of the encoder's errors for each candidate; all ten for the likeliest

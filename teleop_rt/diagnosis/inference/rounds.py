@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.applicable import applicable
@@ -30,7 +30,6 @@ from teleop_rt.diagnosis.noise.structure import (
     pressed_all_along,
     tangent_space,
 )
-from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples import beginning, touches

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.inference.coarse import Coarse
 from teleop_rt.diagnosis.inference.composed import screen_composed
 from teleop_rt.diagnosis.inference.starts import (
@@ -22,7 +22,6 @@ from teleop_rt.diagnosis.models.fit import NOTHING, Fit, Problem
 from teleop_rt.diagnosis.models.model import JUMPS, CandidateModel
 from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 _SURFACES = 5  # from the fit's to the onset of force; a quarter of the way is within the descent
 _MOVED_SURFACE = 0.01  # of the travel; a nearer surface is within the descent of a law

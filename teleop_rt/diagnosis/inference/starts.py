@@ -8,12 +8,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import explained
 from teleop_rt.diagnosis.models.model import CandidateModel, phases
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 _SPANNED = 1e-8  # of a row's energy; a smaller part outside the model is a rounding error
 

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.inference.starts import Start, chi2_falls, extended
 from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.models.simulate import rate_of, run_step
-from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _SOLVED = 8  # periods that are simulated, of those that promise most

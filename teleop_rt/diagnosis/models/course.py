@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.model import CandidateModel, phases
 from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
-from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 

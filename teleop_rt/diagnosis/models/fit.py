@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.axes import Axes
 from teleop_rt.diagnosis.models.base import Base
@@ -24,7 +24,7 @@ from teleop_rt.diagnosis.models.least_squares import (
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
 from teleop_rt.diagnosis.noise.saturated import Flexible, basis
-from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
+from teleop_rt.diagnosis.noise.whiten import Whitener
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 NOTHING = Base("none", ())

@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.noise.whiten import Matrix
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.jit import kernel
 
 _WEAKEST = 1e-5  # of a row's length beyond the others; below it singular values decide

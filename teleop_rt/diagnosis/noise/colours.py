@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.noise.slow import Matrix
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.jit import kernel
 
 _UPDATES = 400  # rounds in which the weights of the colours settle

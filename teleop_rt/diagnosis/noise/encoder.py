@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
-from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.converter import before_steps, mean_error
 from teleop_rt.diagnosis.samples.filters import local_polynomial

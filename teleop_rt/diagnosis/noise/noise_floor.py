@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.noise.structure import (
     noise_from,
     pressed_all_along,
 )
-from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
+from teleop_rt.diagnosis.noise.whiten import Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.rows import force_noise, robust_deviation
 

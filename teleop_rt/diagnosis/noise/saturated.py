@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.simulate import first_order
-from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
+from teleop_rt.diagnosis.noise.whiten import Whitener
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.jit import kernel
 

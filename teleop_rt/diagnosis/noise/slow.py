@@ -8,11 +8,9 @@ noise) to a thousand times (a random walk) that of its spectrum.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 
-Matrix = NDArray[np.float64]
 _DEGREE = 3  # of the polynomials along which a record does not end where it began
 _LONG_HOLE, _MOST_HOLES = 0.01, 4  # of the record; the longest such holes get a step each
 _LENGTH_FACTOR = 4  # times as long, for a spectrum that is not periodic over the record

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.noise.level import level_of
 from teleop_rt.diagnosis.noise.saturated import orthonormal
-from teleop_rt.diagnosis.noise.whiten import Matrix, Whitener
+from teleop_rt.diagnosis.noise.whiten import Whitener
 
 FREE_AIR = 0.05  # of the samples; less free air does not show the noise
 _NEAR_SURFACE = 0.1  # of the travel, within which a sample counts neither as air nor as contact

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact import detection
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.least_squares import least_squares, signed_solution
-from teleop_rt.diagnosis.noise.whiten import Matrix
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt.diagnosis.samples.smoothing import half_window
