@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
@@ -21,7 +20,7 @@ from teleop_rt.diagnosis.samples.motion import (
     reading_noise,
     resolution_step,
 )
-from teleop_rt.diagnosis.samples.rows import force_noise, quantisation_step
+from teleop_rt.diagnosis.samples.rows import force_noise, quantisation_step, stretches
 from teleop_rt.diagnosis.samples.smoothing import lost_motion, moves_in_steps
 
 _JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side
@@ -58,8 +57,8 @@ def input_errors(motion: RecordedMotion, recording: Recording) -> list[RecordedM
     for number, on_even in enumerate(evenly):
         path, apart = (even, 2 * half) if on_even else (motion.x, motion.x.size)
         shift = np.repeat(rng.uniform(0.0, step), path.size)
-        if rests.size:
-            inside = rng.uniform(-0.5 * step, 0.5 * step, size=(rests.shape[0],))
+        if rests:
+            inside = rng.uniform(-0.5 * step, 0.5 * step, len(rests))
             shift = shift + _held(rests, inside, apart, path.size)
         moved = path + shift + lost[0, number]
         if noise > 0.0:
@@ -106,13 +105,13 @@ def _at_another_instant(
     return replace(drawn, v=drawn.v + later * motion.a, a=drawn.a + later * jerk)
 
 
-def _held(rests: NDArray[np.intp], within: Vector, apart: int, samples: int) -> Vector:
+def _held(rests: list[tuple[int, int]], within: Vector, apart: int, samples: int) -> Vector:
     """Return a row (samples,) that is `within` in each rest and 0 farther than `apart` from any.
 
     Between two closer rests it is linear.
     """
-    places, values = [int(rests[0, 0]) - apart], [0.0]
-    for (first, last), here in zip(rests.tolist(), within.tolist(), strict=True):
+    places, values = [rests[0][0] - apart], [0.0]
+    for (first, last), here in zip(rests, within.tolist(), strict=True):
         if first - places[-1] > 2 * apart:
             places += [places[-1] + apart, first - apart]
             values += [0.0, 0.0]
@@ -136,13 +135,10 @@ def _evenly(position: Vector, step: float, half: int) -> Vector:
     return local_polynomial(path, half, 5)
 
 
-def _rests(position: Vector, least: int) -> NDArray[np.intp]:
+def _rests(position: Vector, least: int) -> list[tuple[int, int]]:
     """Return first and last sample of each stretch of one reading, if it holds as many samples."""
-    moves = np.flatnonzero(np.diff(position)) + 1
-    first = np.concatenate(([0], moves))
-    last = np.concatenate((moves, [position.size])) - 1
-    long = last - first + 1 >= least
-    return np.column_stack((first[long], last[long]))
+    still = stretches(np.diff(position) == 0.0)
+    return [(first, last) for first, last in still if last - first + 1 >= least]
 
 
 def input_floor(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:

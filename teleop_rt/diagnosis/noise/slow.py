@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Matrix, Vector
+from teleop_rt.diagnosis.samples.rows import Stretch, stretches
 
 _DEGREE = 3  # of the polynomials along which a record does not end where it began
 _LONG_HOLE, _MOST_HOLES = 0.01, 4  # of the record; the longest such holes get a step each
@@ -23,13 +24,16 @@ def rows(mask: Vector) -> Matrix:
     A long stretch that `mask` leaves out divides the recording in two, with an offset by red noise.
     """
     time = np.linspace(-1.0, 1.0, mask.size)
-    edges = np.diff(np.concatenate(([1], mask > 0.0, [1])).astype(np.int8))
-    first, past = np.flatnonzero(edges < 0), np.flatnonzero(edges > 0)
-    inside = (first > 0) & (past < mask.size) & (past - first > _LONG_HOLE * mask.size)
-    longest = np.argsort(first - past)
-    steps = [np.sign(time - time[first[i]]) for i in longest if inside[i]][:_MOST_HOLES]
+    longest = sorted(inner_holes(mask), key=lambda hole: hole[0] - hole[1])[:_MOST_HOLES]
+    begun = [first for first, past in longest if past - first > _LONG_HOLE * mask.size]
+    steps = [np.sign(time - time[first]) for first in begun]
     polynomials = np.polynomial.legendre.legvander(time, _DEGREE).T
     return np.concatenate([polynomials, np.array(steps).reshape(-1, mask.size)])
+
+
+def inner_holes(mask: Vector) -> list[Stretch]:
+    """Return the stretches that `mask` leaves out between two samples that it keeps."""
+    return [hole for hole in stretches(mask <= 0.0) if hole[0] > 0 and hole[1] < mask.size]
 
 
 def finer(density: Vector, size: int, longer: int) -> Vector:

@@ -78,14 +78,10 @@ class Whitener:
         A line over them holds nothing of their values, as zeros do, but zeros would let the slow
         part of red noise through to high frequencies, where such noise is taken to be quiet.
         """
-        edges = np.diff(np.concatenate(([1], self.mask > 0.0, [1])).astype(np.int8))
-        first, past = np.flatnonzero(edges < 0), np.flatnonzero(edges > 0)
-        short = (past - first <= self.bridged) & (first > 0) & (past < self.mask.size)
-        first, length = first[short], (past - first)[short]
-        hole = np.repeat(np.arange(first.size), length)
-        step = np.arange(hole.size) - (np.cumsum(length) - length)[hole] + 1
-        before = first[hole] - 1
-        return before + step, before, (first + length)[hole], step / (length[hole] + 1.0)
+        short = [(a, b) for a, b in slow.inner_holes(self.mask) if b - a <= self.bridged]
+        bridged = [(i, a - 1, b) for a, b in short for i in range(a, b)]
+        places, before, after = np.array(bridged, dtype=np.intp).reshape(-1, 3).T
+        return places, before, after, (places - before) / (after - before)
 
     def __call__(self, rows: Matrix) -> Matrix:
         """Return whitened rows, twice as many values as bins."""

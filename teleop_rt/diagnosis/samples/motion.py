@@ -12,7 +12,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Scale, Vector
 from teleop_rt.diagnosis.samples.filters import local_polynomial
-from teleop_rt.diagnosis.samples.rows import quantisation_step, robust_deviation
+from teleop_rt.diagnosis.samples.rows import quantisation_step, robust_deviation, stretches
 
 SMOOTHING_ORDER = 5  # of the local polynomial: a mass is off by 0.3 %, by 8 % at order 3
 MOST_REMEMBERED = 15_000_000  # values (120 MB) of rows that are kept for the next fit
@@ -162,8 +162,8 @@ def reading_noise(position: Vector, dt: float) -> float:
 
 def _longest_rest(position: Vector) -> int:
     """Return the largest number of equal readings in a row."""
-    moves = np.flatnonzero(np.diff(position)) + 1
-    return int(np.max(np.diff(np.concatenate(([0], moves, [position.size])))))
+    still = stretches(np.diff(position) == 0.0)
+    return 1 + max((past - first for first, past in still), default=0)
 
 
 def resolution_step(position: Vector, dt: float) -> float:
