@@ -15,7 +15,6 @@ from teleop_rt.diagnosis.diagnose import errors_of_named
 from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
@@ -98,5 +97,5 @@ def _errors(here: Diagnosed, there: Recording, names: Sequence[str]) -> dict[str
 def _follows_clock(fit: Fit, motion: RecordedMotion) -> bool:
     """Return whether the model predicts another force for the same motion at another time."""
     later = replace(motion, t=motion.t + _LATER_S)
-    now, then = (force_of(fit.model, m, fit.zeta, fit.theta) for m in (motion, later))
+    now, then = (fit.force_on(m) for m in (motion, later))
     return not np.allclose(now, then, rtol=0.0, atol=1e-9 * float(np.max(np.abs(now))))

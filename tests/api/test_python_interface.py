@@ -18,7 +18,6 @@ import pytest
 
 import teleop_rt
 from teleop_rt.diagnosis.answers import extended
-from teleop_rt.diagnosis.models import held_out
 from teleop_rt.offline.replay import Choice, online_of_recording
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
@@ -140,7 +139,7 @@ def test_a_diagnosis_names_the_effect_and_its_model_predicts_another_motion(diag
     assert diagnosis.parameters["k"].value == pytest.approx(1500.0, rel=0.02)
     assert diagnosis.nrmse_after < 0.1 * diagnosis.nrmse_before
     # The fit itself has no public name: its model has.
-    own = held_out.predict(diagnosis._found.problem, diagnosis._found.best)
+    own = diagnosis._found.best.force_on(diagnosis._found.problem.motion)
     assert teleop_rt.predict(diagnosis.model, recording) == pytest.approx(own, abs=1e-9)
     t, x, force = press(cubic=4e7, seed=2)
     other = teleop_rt.from_arrays(t, 0.8 * x, np.where(x > 0.0, 1.0, 0.0) + force)

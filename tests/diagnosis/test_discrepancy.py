@@ -14,7 +14,6 @@ from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, errors_on
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
-from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
@@ -163,7 +162,7 @@ def test_a_loop_is_closed_with_the_named_effects_and_no_others(
     assert error == errors_of_named(found, other)
     assert error["after"] != errors_on(found, other)["after"]
     fresh = pose_again(other, found.base.model.base, None, found.problem)
-    left = fresh.force - held_out.predict(fresh, found.best)
+    left = fresh.residual(found.best)
     rms = np.sqrt(np.mean(left[fresh.whitener.mask > 0.0] ** 2))
     assert error["after"] * np.ptp(fresh.force[fresh.whitener.mask > 0.0]) == pytest.approx(rms)
     assert shown.after is not None

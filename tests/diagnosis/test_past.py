@@ -11,7 +11,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fades, with_past
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.models.held_out import cross_predict, predict
+from teleop_rt.diagnosis.models.held_out import cross_predict
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
@@ -62,7 +62,8 @@ def test_a_past_belongs_to_one_recording_and_not_to_the_model() -> None:
     _, informed = fits(recording)
     assert informed.elsewhere.theta.size == informed.theta.size - 1
     assert informed.elsewhere.names == informed.names
-    assert np.ptp(predict(problem, informed) - predict(problem, informed.elsewhere)) > 20 * NOISE_N
+    whole, later = (fit.force_on(problem.motion) for fit in (informed, informed.elsewhere))
+    assert np.ptp(whole - later) > 20 * NOISE_N
     hidden = cross_predict(problem, informed)[problem.whitener.mask > 0.0]
     rest = recording.force[problem.whitener.mask > 0.0] - hidden
     assert np.std(rest) < 1.3 * NOISE_N
@@ -89,7 +90,7 @@ def test_a_faded_memory_gets_no_past() -> None:
     effects = (find("stress_relaxation", "three arms"), find("channel_delay"))
     model = CandidateModel(base_of(record.base), effects)
     informed = with_past(problem, problem.solve(model, np.array([0.004, 2.3, 0.1, 0.001])))
-    made = predict(problem, informed) - predict(problem, informed.elsewhere)
+    made = informed.force_on(problem.motion) - informed.elsewhere.force_on(problem.motion)
     assert np.max(np.abs(made)) < 3.0 * problem.motion.scales["force"]
 
 

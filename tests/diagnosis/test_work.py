@@ -40,9 +40,9 @@ class Count:
 @pytest.mark.parametrize(
     ("effects", "fits", "predictions"),
     [
-        ((), 800, 300),
-        (("coulomb_friction",), 1650, 1100),
-        (("channel_delay", "force_bias"), 2050, 1800),
+        ((), 800, 400),
+        (("coulomb_friction",), 1650, 1280),
+        (("channel_delay", "force_bias"), 2050, 2210),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

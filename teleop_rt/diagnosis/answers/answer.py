@@ -11,7 +11,6 @@ from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.inference.pairs import fit_without, without
 from teleop_rt.diagnosis.inference.ranked import Ranked, explains, slack_of
 from teleop_rt.diagnosis.inference.verdict import Judgement
-from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import phases
 from teleop_rt.diagnosis.models.predict import force_of
@@ -201,7 +200,7 @@ def _absorbed(problem: Problem, base: Fit, best: Fit, member: int) -> float | No
     less, zeta = without(best, member)
     theta = best.theta[[i for i, item in enumerate(best.model.linear) if item.owner != member]]
     rest = force_of(less, problem.motion, zeta, theta)
-    signal = problem.whitener(held_out.predict(problem, best) - rest)
+    signal = problem.whitener(best.force_on(problem.motion) - rest)
     energy = float(signal @ signal)
     if energy <= 0.0 or alone.shape[1] == 0:
         return None

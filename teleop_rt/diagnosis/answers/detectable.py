@@ -147,5 +147,5 @@ def _row_of_unit(
     model = replace(base.model, effects=(*base.model.effects, effect))
     zeta = np.concatenate([base.zeta, [amplitude], eta])
     with_it = force_of(model, problem.motion, zeta, base.theta)
-    without = force_of(base.model, problem.motion, base.zeta, base.theta)
+    without = base.force_on(problem.motion)
     return problem.whitener(((with_it - without) / amplitude)[None, :])

@@ -62,7 +62,7 @@ class Blocks:
 
 def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
     """Return the prediction of another recording."""
-    predicted = [held_out.predict(fresh, fit.elsewhere) for fit in (base, best)]
+    predicted = [fit.elsewhere.force_on(fresh.motion) for fit in (base, best)]
     where = held_out.counted(fresh, base)
     return HeldOut("held-out record", fresh.force, predicted[0], predicted[1], where, noise)
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, differentiate
 from teleop_rt.diagnosis.samples.rows import force_noise
@@ -96,7 +95,7 @@ def _within(x: Vector, reach: Reach, sets: list[Fit], found: Problem) -> Vector:
     fastest = float(np.max(np.abs(np.gradient(x, 1.0 / _RATE_HZ))))
     x = x * min(1.0, reach.velocity / fastest)
     problem = _problem(x, found, 1.0)
-    strongest = max(float(np.max(np.abs(predict(problem, fit)))) for fit in sets)
+    strongest = max(float(np.max(np.abs(fit.force_on(problem.motion)))) for fit in sets)
     return np.asarray(x * min(1.0, reach.force / max(strongest, 1e-300)), dtype=np.float64)
 
 
@@ -130,7 +129,7 @@ def _separation(
     problems: dict[int, Problem] = {}
     for pair in list(pairs):
         if id(pair.truth) not in problems:
-            problems[id(pair.truth)] = replace(white, force=predict(white, pair.truth))
+            problems[id(pair.truth)] = replace(white, force=pair.truth.force_on(white.motion))
         problem = problems[id(pair.truth)]
         left = problem.refine(pair.rival.model, pair.rival.zeta, _EVALUATIONS).chi2
         if left < smallest:

@@ -56,8 +56,8 @@ def residuals_of(found: Diagnosis, units: tuple[str, str], drafted: Fit | None =
     problem = found.problem
     later = drafted or (found.best if found.judgement.sets else None)
     where = held_out.counted(problem, found.base)
-    before = held_out.predict(problem, found.base)
-    after = None if later is None else held_out.predict(problem, later)
+    before = found.base.force_on(problem.motion)
+    after = None if later is None else later.force_on(problem.motion)
     return _residuals(problem, where, before, after, units)
 
 

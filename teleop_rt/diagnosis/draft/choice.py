@@ -20,7 +20,6 @@ from teleop_rt.diagnosis.draft.terms import (
     quantities,
     row_of,
 )
-from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 
 MOST_TERMS = 4  # a person has to read the law; a fifth gains less than a tenth on the campaign
@@ -139,7 +138,7 @@ def _own_rows(problem: Problem, fit: Fit) -> Matrix:
     rows = [np.asarray(row, dtype=np.float64) for row in base.columns(x, motion.v, motion.a, power)]
     if fit.model.effects:
         alone: Vector = fit.theta[: len(rows)] @ np.array(rows)
-        rows.append(held_out.predict(problem, fit) - alone)
+        rows.append(fit.force_on(problem.motion) - alone)
     return np.array(rows).reshape(len(rows), x.size)
 
 

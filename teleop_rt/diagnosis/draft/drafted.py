@@ -51,10 +51,7 @@ class Drafted:
     def _explains(self) -> float:
         problem = self.found.problem
         where = held_out.counted(problem, self.found.base) > 0.0
-        before, after = (
-            float(np.mean((problem.force - held_out.predict(problem, fit))[where] ** 2))
-            for fit in (self.found.base, self.fit)
-        )
+        before, after = (problem.mean_square(f, where) for f in (self.found.base, self.fit))
         return max(0.0, 1.0 - after / max(before, 1e-300))
 
     @property

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.whiten import Whitener, band_bins
 
 LEAST_HZ, JUMPS_HZ = 250.0, 500.0  # at half of either, some laws start too far from the optimum
@@ -45,12 +44,8 @@ class Coarse(Problem):
         effects searched, so the coarse force is the fit's prediction plus the full-rate residual.
         """
         whole = self.finely.mask.size
-        there, here = (
-            force_of(fit.model, motion, fit.zeta, fit.theta)
-            for motion in (problem.motion, self.motion)
-        )
-        left = self.finely((problem.force - there)[:whole])
-        near = replace(self, wanted=self.whitener(here) + left)
+        left = self.finely(problem.residual(fit)[:whole])
+        near = replace(self, wanted=self.whitener(fit.force_on(self.motion)) + left)
         return near, near.solve(fit.model, fit.zeta, fit.theta)
 
 

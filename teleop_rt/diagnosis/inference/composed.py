@@ -70,7 +70,7 @@ def _most_promising(
     guessed = [(zeta, guess) for zeta, guess in places if guess is not None]
     if len(guessed) <= _SOLVED:
         return places
-    here = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    here = fit.force_on(problem.motion)
     change = [force_of(model, problem.motion, zeta, guess) - here for zeta, guess in guessed]
     rows = problem.whitener(np.array(change))
     free = rows - (rows @ own) @ own.T

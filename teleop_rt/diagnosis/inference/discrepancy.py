@@ -20,7 +20,6 @@ from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement
-from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import lawless_noise
 from teleop_rt.diagnosis.noise.structure import LackOfFit, pressed_all_along
@@ -68,7 +67,7 @@ def judge_with_unknown_remainder(
     noise = lawless_noise(problem, tried[0].fit, rows, problem.whitener.mask)
 
     def apart(one: Scored, other: Scored) -> float:
-        first, second = (held_out.predict(problem, each.fit) for each in (one, other))
+        first, second = (each.fit.force_on(problem.motion) for each in (one, other))
         return float(np.mean((first - second)[problem.whitener.mask > 0.0] ** 2))
 
     found = explain(tried, noise**2, apart)

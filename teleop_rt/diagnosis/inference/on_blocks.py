@@ -52,32 +52,27 @@ class OnBlocks:
 
     def _lowers_the_error(self, fit: Fit) -> bool:
         """Return whether the fit leaves less of all blocks; a bias shows in free air alone."""
-        where = self.found.problem.whitener.mask > 0.0
-        before, after = (
-            float(np.sum((self.found.problem.force - predicted)[where] ** 2))
-            for predicted in (
-                self.blocks.force(self.plain.problem, self.plain.base),
-                self.blocks.force(self.found.problem, fit),
-            )
-        )
-        return after < before
+        plain, problem = self.plain, self.found.problem
+        predicted = self.blocks.force(plain.problem, plain.base), self.blocks.force(problem, fit)
+        where = problem.whitener.mask > 0.0
+        before, after = (np.sum((problem.force - one)[where] ** 2) for one in predicted)
+        return bool(after < before)
 
     def _keeps_its_gain(self, fit: Fit) -> bool:
-        problem, base = self.found.problem, self.found.base
-        unseen, seen = (
-            self._energy(predicted(problem, base)) - self._energy(predicted(problem, fit))
-            for predicted in (self.blocks.force, held_out.predict)
-        )
+        problem, fits = self.found.problem, (self.found.base, fit)
+        unseen = self._fall(*(self.blocks.force(problem, one) for one in fits))
+        seen = self._fall(*(one.force_on(problem.motion) for one in fits))
         return unseen >= CONFIRMED_SHARE * seen
 
-    def _energy(self, predicted: Vector) -> float:
-        """Return the whitened energy of what a prediction leaves [chi-square]."""
-        rest = self.found.problem.whitener(self.found.problem.force - predicted)
-        return float(rest @ rest)
+    def _fall(self, *predicted: Vector) -> float:
+        """Return by how much less the second of two predictions leaves [chi-square]."""
+        problem = self.found.problem
+        before, after = (problem.whitener(problem.force - one) for one in predicted)
+        return float(before @ before) - float(after @ after)
 
     def _acts_in_one_fold(self, fit: Fit) -> bool:
         problem = self.found.problem
-        added, base = (held_out.predict(problem, one) for one in (fit, self.found.base))
+        added, base = (one.force_on(problem.motion) for one in (fit, self.found.base))
         energy = (added - base) ** 2 * problem.whitener.mask
         by_fold = np.bincount(held_out.folds(energy.size), energy, held_out.FOLDS)
         return float(np.max(by_fold)) > _ONE_FOLD * float(np.sum(by_fold))

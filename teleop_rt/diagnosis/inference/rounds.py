@@ -77,8 +77,7 @@ class Diagnosis:
     def left_by(self, fit: Fit) -> float:
         """Return the root mean square of a fit's residual [rig's force]."""
         where = held_out.counted(self.problem, self.base) > 0.0
-        rest = (self.problem.force - held_out.predict(self.problem, fit))[where]
-        return float(np.sqrt(np.mean(rest**2)))
+        return float(np.sqrt(self.problem.mean_square(fit, where)))
 
 
 def in_rounds(
@@ -191,12 +190,12 @@ def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
     Noise that free air shows is noise whatever its share of the force.
     """
     where = held_out.counted(problem, base)
-    left = (problem.force - held_out.predict(problem, base))[where > 0.0]
-    if not left.size:
+    if not np.any(where > 0.0):
         return False
+    left = float(np.sqrt(problem.mean_square(base, where > 0.0)))
     quick, in_air = quick_noise(problem, base, floor, where), noise_in_air(problem, base)
     most = EXCESS_NOISE_RATIO * bounded_noise(problem, base, floor, where, quick)
-    return bool(np.sqrt(np.mean(left**2)) > max(most, REDRAWN_NOISE_RATIO * in_air))
+    return left > max(most, REDRAWN_NOISE_RATIO * in_air)
 
 
 def _stiffness(fit: Fit) -> float | None:

@@ -17,7 +17,6 @@ from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import JUMPS, CandidateModel
-from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.samples.preparation import UNPRESSED
 
 _RECLAMPED = 5  # best fits that are tried with another clamp at zero force
@@ -201,9 +200,7 @@ def with_past(problem: Problem, fit: Fit) -> Fit:
     fades before the first counted sample does not determine its past.
     """
     found = problem.refine(replace(fit.model, past=True), fit.zeta, evaluations=8)
-    made, less = (
-        force_of(one.model, problem.motion, one.zeta, one.theta) for one in (found, found.elsewhere)
-    )
+    made, less = (one.force_on(problem.motion) for one in (found, found.elsewhere))
     most = _LARGEST_PAST_FORCE * problem.motion.scales["force"]
     return found if float(np.max(np.abs(made - less))) < most else fit
 

@@ -68,7 +68,7 @@ def screen_swing(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> Sta
     small = 1e-3 * problem.motion.scales["travel"]
     period = _likely_periods(problem, fit, own, effect)
     largest = bounds(effect.amplitude, problem.motion.scales)[1]
-    still = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    still = fit.force_on(problem.motion)
     moved = np.empty((len(period), 2, still.size))
     for i, j in np.ndindex(moved.shape[:2]):
         zeta = np.concatenate([fit.zeta, [small, period[i], 0.5 * np.pi * j]])
@@ -91,13 +91,13 @@ def _likely_periods(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> 
     periods = grid(effect.shapes[0], motion.scales)
     if len(periods) <= _SWUNG:
         return periods
-    still = force_of(fit.model, motion, fit.zeta, fit.theta)
+    still = fit.force_on(motion)
     change = np.zeros((len(periods), 2, still.size))
     swung = motion.made((effect, "swung"), lambda: _swung(motion, effect, periods))
     for name, moved in zip("xva", swung, strict=True):
         row = getattr(motion, name)
         step = 1e-3 * float(np.max(np.abs(row)))
-        beside = force_of(fit.model, replace(motion, **{name: row + step}), fit.zeta, fit.theta)
+        beside = fit.force_on(replace(motion, **{name: row + step}))
         change += (beside - still) / step * moved
     gains, _ = chi2_falls(problem.whitener(change), own, fit.residual, np.zeros(2, dtype=bool))
     return [periods[i] for i in np.argsort(-gains)[:_SOLVED]]

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from teleop_rt.diagnosis.criteria import (
     EXCESS_NOISE_RATIO,
     NAMED_SHARE,
@@ -35,18 +33,14 @@ def confirmed_unweighted(
     if judgement.verdict not in {"named", "class"}:
         return judgement
     where = held_out.counted(unweighted, base) > 0.0
-
-    def power(fit: Fit) -> float:
-        return float(np.mean((unweighted.force - held_out.predict(unweighted, fit))[where] ** 2))
-
-    before = power(base)
+    before = unweighted.mean_square(base, where)
 
     def reduces(share: float, after: float, ratio: float, noise: float) -> bool:
         excess = after - noise**2
         return after < (ratio * noise) ** 2 or excess < (1.0 - share) * (before - noise**2)
 
     def confirmed(fit: Fit) -> bool:
-        after = power(unweighted.refine(fit.model, fit.zeta))
+        after = unweighted.mean_square(unweighted.refine(fit.model, fit.zeta), where)
         by_model = reduces(PARTIAL_SHARE, after, REDRAWN_NOISE_RATIO, noise)
         return by_model and reduces(NAMED_SHARE, after, EXCESS_NOISE_RATIO, in_air)
 

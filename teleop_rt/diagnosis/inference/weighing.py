@@ -20,7 +20,6 @@ from teleop_rt.diagnosis.inference.search import (
 )
 from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.structure import noise_from
 from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts
 
@@ -103,7 +102,7 @@ def _with_own_parameters(problem: Problem, fit: Fit) -> Fit:
     again.
     """
     found = problem.solve(fit.model, fit.zeta, fit.theta)
-    left = problem.whitener(problem.force - predict(problem, fit))
+    left = problem.whitener(problem.residual(fit))
     return replace(found, theta=fit.theta, residual=left)
 
 

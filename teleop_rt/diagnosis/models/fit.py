@@ -73,6 +73,10 @@ class Fit:
         kept = [i for i, item in enumerate(self.model.linear) if item in model.linear]
         return replace(self, model=model, theta=self.theta[kept], columns=self.columns[kept])
 
+    def force_on(self, motion: RecordedMotion) -> Vector:
+        """Return the force in free run: by the motion alone, memories simulated from the start."""
+        return force_of(self.model, motion, self.zeta, self.theta)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
@@ -119,6 +123,14 @@ class Problem:
         It bounds two terms that cancel each other if the data do not determine their difference.
         """
         return 1.0 / max(float(self.target @ self.target), 1.0)
+
+    def residual(self, fit: Fit) -> Vector:
+        """Return what a fit leaves of the force, on every sample."""
+        return self.force - fit.force_on(self.motion)
+
+    def mean_square(self, fit: Fit, where: NDArray[np.bool_]) -> float:
+        """Return the mean square of that residual over the given samples."""
+        return float(np.mean(self.residual(fit)[where] ** 2))
 
     def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
         """Return the whitened columns of an effect alone, for each of its shape parameters."""
@@ -211,7 +223,7 @@ class Problem:
             beside[i] += step
             rows[i] = force_of(fit.model, self.motion, axes.value(beside), fit.theta)
         if fit.model.passes > 1:  # then the fit's own prediction is linearised
-            rows -= force_of(fit.model, self.motion, fit.zeta, fit.theta)
+            rows -= fit.force_on(self.motion)
             whitened = self.whitener(rows)
         else:
             whitened = self.whitener(rows) - (self.target - fit.residual)

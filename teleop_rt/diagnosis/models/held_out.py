@@ -12,7 +12,7 @@ from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import centred, signed_least_squares, uncentred
-from teleop_rt.diagnosis.models.predict import columns, force_of
+from teleop_rt.diagnosis.models.predict import columns
 from teleop_rt.diagnosis.samples.filters import butterworth
 from teleop_rt.metrics import nrmse
 
@@ -31,11 +31,6 @@ class Error:
     std_normalised: float | None
 
 
-def predict(problem: Problem, fit: Fit) -> Vector:
-    """Return the force in free run: from the motion alone, memories simulated from the start."""
-    return force_of(fit.model, problem.motion, fit.zeta, fit.theta)
-
-
 def counted(problem: Problem, fit: Fit) -> Vector:
     """Return the samples that count: contact, or all of them for a drive in free motion."""
     inside = touches(problem.motion.x) if fit.model.base.touches else np.ones(problem.force.size)
@@ -45,7 +40,7 @@ def counted(problem: Problem, fit: Fit) -> Vector:
 def deviation(problem: Problem, fit: Fit) -> float:
     """Return the standard deviation [rig's force] of the residual, whatever its mean."""
     where = counted(problem, fit) > 0.0
-    return float(np.std((problem.force - predict(problem, fit))[where]))
+    return float(np.std(problem.residual(fit)[where]))
 
 
 def smoothable(dt: float) -> bool:
@@ -113,7 +108,8 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     through the whole motion; only the force of the block is hidden from the fit. What came before
     the recording is part of its data, and is estimated from the whole of it.
     """
-    before = predict(problem, fit) - predict(problem, fit.elsewhere)
+    motion = problem.motion
+    before = fit.force_on(motion) - fit.elsewhere.force_on(motion)
     problem, fit = replace(problem, force=problem.force - before), fit.elsewhere
     whole = problem.whitener
     size = problem.force.size
@@ -124,5 +120,5 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
         blind = replace(problem, whitener=replace(whole, mask=kept))
         refit = _with_prior(blind, problem, blind.refine(fit.model, fit.zeta, evaluations))
         hidden = fold == number
-        predicted[hidden] = predict(blind, refit)[hidden]
+        predicted[hidden] = refit.force_on(motion)[hidden]
     return predicted + before

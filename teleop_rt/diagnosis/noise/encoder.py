@@ -8,7 +8,6 @@ import numpy as np
 
 from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.converter import before_steps, mean_error
@@ -156,7 +155,7 @@ def converter_errors(problem: Problem, fit: Fit, draws: int) -> Matrix:
     if step <= 0.0:
         return np.zeros((draws, problem.force.size))
     noise = before_steps(force_noise(problem.force, step), step)
-    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    clean = fit.force_on(problem.motion)
     shifts = np.random.default_rng(_SEED).uniform(-0.5, 0.5, draws) * step
     return np.array([mean_error(clean + s, step, noise) for s in shifts])
 
@@ -175,8 +174,8 @@ def errors_without_jumps(problem: Problem, fit: Fit, errors: list[RecordedMotion
 
 def force_errors(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Matrix:
     """Return the force errors that encoder errors cause through a model (motions x samples)."""
-    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
-    return np.array([force_of(fit.model, one, fit.zeta, fit.theta) - clean for one in errors])
+    clean = fit.force_on(problem.motion)
+    return np.array([fit.force_on(one) - clean for one in errors])
 
 
 def knowing_encoder(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Problem:
@@ -210,11 +209,8 @@ def force_of_a_step(problem: Problem, fit: Fit, step: float, own: Matrix) -> Vec
     motion = problem.motion
     if step <= 0.0 or not fit.model.base.touches:
         return np.zeros_like(fit.residual)
-    force, nearer = (
-        force_of(fit.model, place, fit.zeta, fit.theta)
-        for place in (motion, replace(motion, x=motion.x + step))
-    )
-    row = problem.whitener((nearer - force)[None, :])[0]
+    nearer = fit.force_on(replace(motion, x=motion.x + step))
+    row = problem.whitener((nearer - fit.force_on(motion))[None, :])[0]
     free = row - own @ (own.T @ row)
     known = float(free @ free) > 1e-8 * float(row @ row)
     return np.asarray(free if known else np.zeros_like(free))

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.noise.encoder import input_errors, input_floor, knowing_encoder
 from teleop_rt.diagnosis.noise.structure import (
     air_and_contact,
@@ -55,7 +54,7 @@ def noise_floor(
     """
     whitener = problem.whitener
     size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
-    rest = np.fft.rfft((problem.force - predict(problem, fit)) * whitener.mask)
+    rest = np.fft.rfft(problem.residual(fit) * whitener.mask)
     above = 2.0 * float(np.sum(np.abs(rest[whitener.bins :]) ** 2))
     below = 2.0 * float(np.sum(whitener.density - whitener.known))
     encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9)
@@ -142,7 +141,7 @@ def _quick(problem: Problem, fit: Fit, used: NDArray[np.bool_], within: float) -
 
     Medians of its differences at several distances leave out rare jumps, as at reversals.
     """
-    rest = problem.force - predict(problem, fit)
+    rest = problem.residual(fit)
     longest = int(within / problem.motion.dt)
     lags = 2 ** np.arange(longest.bit_length())  # none if not even one sample lies within it
     pairs = ((used[lag:] & used[:-lag], rest[lag:] - rest[:-lag]) for lag in lags.tolist())
@@ -169,7 +168,7 @@ def in_free_air(problem: Problem, fit: Fit) -> float:
     if not fit.model.base.touches or pressed_all_along(problem):
         return float(np.inf)
     air, _ = air_and_contact(problem)
-    left = float(np.mean((problem.force - predict(problem, fit))[air] ** 2))
+    left = problem.mean_square(fit, air)
     return max(left * louder_in_contact(problem), problem.force_step**2 / 12.0)
 
 

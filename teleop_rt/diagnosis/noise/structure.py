@@ -223,6 +223,6 @@ def noise_from(problem: Problem, fit: Fit) -> Whitener:
     left, taken = problem.flexible.beside(fit.residual, own)
     whole = whiten.Left(fit.residual, np.sum(own**2, axis=1))
     found = whiten.estimate(whiten.Left(left, taken), whole, problem.whitener, problem.motion.dt)
-    clean = force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    clean = fit.force_on(problem.motion)
     growing = np.array([clean, problem.motion.v])
     return replace(found, level=level_of(problem.force - clean, growing, found.mask > 0.0))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.held_out import predict
 
 _BLOCK_S = 0.05  # s over which the residual is averaged: fast noise cancels
 _FEWEST_STRETCHES = 3  # later stretches as long as the beginning; fewer show no typical residual
@@ -21,7 +20,7 @@ def misfits(whole: Problem, used: Problem, fit: Fit) -> bool:
     counted, kept = whole.whitener.mask > 0.0, used.whitener.mask > 0.0
     begins = int(np.argmax(kept))
     width = max(round(_BLOCK_S / used.motion.dt), 1)
-    left = np.where(counted, whole.force - predict(whole, fit), 0.0)
+    left = np.where(counted, whole.residual(fit), 0.0)
     starts = np.arange(0, left.size, width)
     sums, numbers = np.add.reduceat(left, starts), np.add.reduceat(counted.astype(float), starts)
     blocks, full = (sums / np.maximum(numbers, 1.0)) ** 2, numbers > 0.5 * width

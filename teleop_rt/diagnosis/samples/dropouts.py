@@ -10,7 +10,6 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.rows import Stretch, robust_deviation, stretches
 
@@ -36,7 +35,7 @@ def dropouts(problem: Problem, fit: Fit) -> list[Stretch]:
     counted = problem.whitener.mask > 0.0
     depth = problem.motion.x + fit.model.shift(fit.zeta)
     inside = touches(depth)
-    left = problem.force - predict(problem, fit)
+    left = problem.residual(fit)
     off = np.where(counted, np.abs(left), 0.0)
     sides = (off[counted & side] for side in (inside, ~inside))
     usual = max((robust_deviation(row) for row in sides if row.size > _FEWEST_SAMPLES), default=0.0)

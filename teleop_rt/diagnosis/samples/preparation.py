@@ -14,7 +14,6 @@ from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps
 from teleop_rt.diagnosis.samples import steps
@@ -195,7 +194,7 @@ def lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Vector:
     by_steps = recording.force_step > noise  # then a residual is made of single readings
     if by_steps or len(stretches(seen > 0.0)) < _FEWEST_OUTLIERS:
         return seen
-    residual = force - force_of(fit.model, motion, fit.zeta, fit.theta)
+    residual = force - fit.force_on(motion)
     places = np.arange(residual.size)
     used = running_rank(problem.whitener.mask, _ABOUT_OUTLIER, 0.5) > 0.0
     while True:

@@ -8,7 +8,6 @@ import numpy as np
 
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.held_out import predict
 from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.preparation import without_edges
 
@@ -35,7 +34,7 @@ def leaves_more(problem: Problem, fit: Fit) -> bool:
     """
     used = problem.whitener.mask > 0.0
     away = without_edges(spared(problem), [fit.model.shift(fit.zeta)]).whitener.mask > 0.0
-    squares = (problem.force - predict(problem, fit)) ** 2
+    squares = problem.residual(fit) ** 2
     if np.all(used == away) or not np.any(away):
         return False
     return bool(np.mean(squares[used & ~away]) > np.mean(squares[away]))
@@ -52,7 +51,7 @@ def explained_by_timing(whole: Problem, away: Problem, fit: Fit) -> bool:
     if np.count_nonzero(kept) < _KEPT_SHARE * np.count_nonzero(counted):
         return False
     hidden = counted & ~kept
-    predicted = predict(away, fit)
+    predicted = fit.force_on(away.motion)
     width = 2 * away.settling + 1
     least = running_rank(predicted, width, 0.0)
     most = running_rank(predicted, width, 1.0)
