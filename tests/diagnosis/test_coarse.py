@@ -63,7 +63,7 @@ def test_a_force_within_the_band_is_the_same_at_either_rate(rate_hz: float, samp
 def test_without_holes_the_rates_differ_by_less_than_a_hundredth(rate_hz: float) -> None:
     problem, _ = posed(rate_hz, 8000)
     whole = np.ones_like(problem.whitener.mask)
-    problem = replace(problem, whitener=replace(problem.whitener, mask=whole))
+    problem = problem.keeping(whole)
     coarse, t = coarsened(problem), problem.motion.t
     force = np.sin(2 * np.pi * 3.0 * t) + 0.2 * np.cos(2 * np.pi * 71.0 * t)
     fine, slow = coarse.finely(force), coarse.whitener(np.interp(coarse.motion.t, t, force))

@@ -230,9 +230,7 @@ def test_a_sample_that_an_error_moves_across_the_surface_does_not_drown_a_compar
     problem = problem_of(
         from_arrays("jump", *jumping(0.0, noise=1e-3)), base_of("kelvin-voigt"), 0.0
     )
-    problem = replace(
-        problem, whitener=replace(problem.whitener, mask=np.ones_like(problem.whitener.mask))
-    )
+    problem = problem.keeping(np.ones_like(problem.whitener.mask))
     fit = fit_base(problem, base_of("kelvin-voigt"))
     x = problem.motion.x + 5e-8 * np.random.default_rng(4).standard_normal(problem.motion.x.size)
     crossed = x.copy()

@@ -124,6 +124,10 @@ class Problem:
         """
         return 1.0 / max(float(self.target @ self.target), 1.0)
 
+    def keeping(self, mask: Vector) -> Problem:
+        """Return the problem with another `mask` of its samples (0 to 1)."""
+        return replace(self, whitener=replace(self.whitener, mask=mask))
+
     def residual(self, fit: Fit) -> Vector:
         """Return what a fit leaves of the force, on every sample."""
         return self.force - fit.force_on(self.motion)

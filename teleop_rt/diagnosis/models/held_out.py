@@ -111,13 +111,11 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     motion = problem.motion
     before = fit.force_on(motion) - fit.elsewhere.force_on(motion)
     problem, fit = replace(problem, force=problem.force - before), fit.elsewhere
-    whole = problem.whitener
     size = problem.force.size
     fold = folds(size)
     predicted = np.zeros(size)
     for number in range(FOLDS):
-        kept = whole.mask * (fold != number)
-        blind = replace(problem, whitener=replace(whole, mask=kept))
+        blind = problem.keeping(problem.whitener.mask * (fold != number))
         refit = _with_prior(blind, problem, blind.refine(fit.model, fit.zeta, evaluations))
         hidden = fold == number
         predicted[hidden] = refit.force_on(motion)[hidden]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -74,4 +73,4 @@ def without(problem: Problem, lost: Sequence[Stretch]) -> Problem:
     mask = problem.whitener.mask.copy()
     for first, past in lost:
         mask[first:past] = 0.0
-    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+    return problem.keeping(mask)

@@ -179,7 +179,7 @@ def without_edges(problem: Problem, shifts: Iterable[float]) -> Problem:
         mask[np.abs(x) < SIGMAS * problem.resolution] = 0.0
         for crossed in np.flatnonzero(np.diff(touches(x))) + 1:
             mask[max(crossed - about, 0) : crossed + about] = 0.0
-    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+    return problem.keeping(mask)
 
 
 def lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Vector:
@@ -209,7 +209,7 @@ def lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Vector:
 def without_lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Problem:
     """Return the problem without the outliers that it has beside a fit."""
     mask = problem.whitener.mask * (1.0 - lone_samples(recording, problem, fit))
-    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+    return problem.keeping(mask)
 
 
 def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
@@ -228,7 +228,7 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
             ends = np.diff(slip > least) & (np.abs(np.diff(slip)) > least)
             for place in np.flatnonzero(ends):
                 mask[max(place - _IMPACT_SAMPLES, 0) : place + _IMPACT_SAMPLES + 2] = 0.0
-    return replace(problem, whitener=replace(problem.whitener, mask=mask))
+    return problem.keeping(mask)
 
 
 def _unknown_history(x: Vector) -> int:
