@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.inference.ranked import explains, family_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.noise.noise_floor import noise_floor, with_own_noise
+from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels, with_own_noise
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.preparation import pose_again
 from teleop_rt.metrics import nrmse
@@ -92,11 +92,11 @@ def predict_recording(
     """Return the prediction of a recording by a base alone and by the best model.
 
     It is prepared as the problem `like` was; `surface` overrides its own [rig unit]. For fits
-    `in_air` see `noise_floor`.
+    `in_air` see `NoiseLevels.perfect`.
     """
     fresh, rows = with_own_noise(pose_again(test, best.model.base, surface, like), best, test)
-    noise = noise_floor(fresh, best, rows, held_out.counted(fresh, best), in_air)
-    return Unseen(fresh, on_record(fresh, base, best, noise), test.units)
+    levels = NoiseLevels(fresh, best, rows, held_out.counted(fresh, best))
+    return Unseen(fresh, on_record(fresh, base, best, levels.perfect(in_air)), test.units)
 
 
 def nearest(

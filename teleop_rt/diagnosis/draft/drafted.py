@@ -22,7 +22,6 @@ from teleop_rt.diagnosis.draft.declaration import FILE, NAME, text_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.noise.noise_floor import noise_floor
 from teleop_rt.diagnosis.recordings.recording import Recording
 
 _EVALUATIONS = 30  # of the descent: a draft's start is coarse, and is refined once
@@ -71,8 +70,7 @@ class Drafted:
     def errors_on_blocks(self) -> dict[str, Any]:
         """Return the same on held-out blocks of the recording: its terms were chosen with them."""
         problem, base = self.found.problem, self.found.base
-        where = held_out.counted(problem, base)
-        noise = noise_floor(problem, self.fit, self.found.input_errors, where)
+        noise = self.found.noise_levels(self.fit).perfect()
         unseen = Blocks(problem, problem, base).predicted(self.fit, noise)
         return errors_of(unseen, problem.motion.dt)
 

@@ -17,15 +17,8 @@ from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
 from teleop_rt.diagnosis.inference.ranked import leaves_structure
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis
 from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
-from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import (
-    known_noise,
-    largest_noise,
-    noise_floor,
-    noise_in_air,
-)
 from teleop_rt.diagnosis.noise.not_noise import not_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
@@ -117,7 +110,7 @@ def _leaves_noise(weighed: Diagnosis) -> bool:
     left = lack_of_fit(problem, base, tangent_space(problem, base))
     if leaves_structure(left, weighed.judgement.floor):
         return False
-    return weighed.left_by(base) <= REDRAWN_NOISE_RATIO * noise_in_air(problem, base)
+    return weighed.left_by(base) <= REDRAWN_NOISE_RATIO * weighed.noise_levels(base).in_air
 
 
 def _confirmed(
@@ -135,11 +128,9 @@ def _confirmed(
     if judgement is not weighed.judgement:
         weighed = replace(weighed, judgement=judgement)
         plain = unweighted(weighed, errors)
-    where = held_out.counted(weighed.problem, weighed.best)
-    most = largest_noise(weighed.problem, weighed.best, weighed.input_errors, where)
-    known = known_noise(weighed.problem, weighed.best, weighed.input_errors, where)
-    left = plain.left_by(plain.best)
-    if judgement.verdict == "partial" or needs_unknown_remainder(plain, left, known, most):
+    levels, left = weighed.noise_levels(weighed.best), plain.left_by(plain.best)
+    most = levels.bounded(levels.lawless)
+    if judgement.verdict == "partial" or needs_unknown_remainder(plain, left, levels.known, most):
         return None, plain
     return (plain if _predicts_worse(weighed, plain) else weighed), plain
 
@@ -181,8 +172,6 @@ def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
 def noise_of(weighed: Diagnosis, in_air: tuple[Fit, ...] = ()) -> float:
     """Return the standard deviation of what noise alone leaves of the recording's force.
 
-    For fits `in_air` see `noise_floor`.
+    For fits `in_air` see `NoiseLevels.perfect`.
     """
-    problem, best = weighed.problem, weighed.best
-    where = held_out.counted(problem, weighed.base)
-    return noise_floor(problem, best, weighed.input_errors, where, in_air)
+    return weighed.noise_levels(weighed.best).perfect(in_air)

@@ -21,7 +21,7 @@ from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
 from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.noise.encoder import input_floor
-from teleop_rt.diagnosis.noise.noise_floor import lawless_noise
+from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels
 from teleop_rt.diagnosis.noise.structure import LackOfFit, pressed_all_along
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
@@ -64,7 +64,7 @@ def judge_with_unknown_remainder(
     library = applicable(effects, recording, base.model.base, pressed=pressed)
     tried = search_sets(problem, base, library)
     rows = input_floor(problem, tried[0].fit, errors)
-    noise = lawless_noise(problem, tried[0].fit, rows, problem.whitener.mask)
+    noise = NoiseLevels(problem, tried[0].fit, rows, problem.whitener.mask).lawless
 
     def apart(one: Scored, other: Scored) -> float:
         first, second = (each.fit.force_on(problem.motion) for each in (one, other))

@@ -23,7 +23,7 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
-from teleop_rt.diagnosis.noise.noise_floor import bounded_noise, noise_in_air, quick_noise
+from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels
 from teleop_rt.diagnosis.noise.structure import (
     lack_of_fit,
     noise_from,
@@ -78,6 +78,11 @@ class Diagnosis:
         """Return the root mean square of a fit's residual [rig's force]."""
         where = held_out.counted(self.problem, self.base) > 0.0
         return float(np.sqrt(self.problem.mean_square(fit, where)))
+
+    def noise_levels(self, fit: Fit) -> NoiseLevels:
+        """Return what noise may leave beside a fit."""
+        where = held_out.counted(self.problem, fit)
+        return NoiseLevels(self.problem, fit, self.input_errors, where)
 
 
 def in_rounds(
@@ -193,9 +198,9 @@ def _exceeds_noise(problem: Problem, base: Fit, floor: Matrix) -> bool:
     if not np.any(where > 0.0):
         return False
     left = float(np.sqrt(problem.mean_square(base, where > 0.0)))
-    quick, in_air = quick_noise(problem, base, floor, where), noise_in_air(problem, base)
-    most = EXCESS_NOISE_RATIO * bounded_noise(problem, base, floor, where, quick)
-    return left > max(most, REDRAWN_NOISE_RATIO * in_air)
+    noise = NoiseLevels(problem, base, floor, where)
+    most = EXCESS_NOISE_RATIO * noise.bounded(noise.quick)
+    return left > max(most, REDRAWN_NOISE_RATIO * noise.in_air)
 
 
 def _stiffness(fit: Fit) -> float | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,8 @@ from teleop_rt.diagnosis.noise.structure import (
     noise_from,
     pressed_all_along,
 )
-from teleop_rt.diagnosis.noise.whiten import Whitener
 from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.rows import force_noise, robust_deviation
 
 _QUICK_S = 0.1  # s; slower forces in free air may be those of an effect
@@ -41,115 +42,120 @@ def with_own_noise(problem: Problem, fit: Fit, recording: Recording) -> tuple[Pr
     return problem, input_floor(problem, fit, errors)
 
 
-def noise_floor(
-    problem: Problem, fit: Fit, floor: Matrix, where: Vector, in_air: Sequence[Fit] = ()
-) -> float:
-    """Return the standard deviation [rig's force] of a perfect model's residual.
+@dataclass(frozen=True)
+class NoiseLevels:
+    """Deviations [rig's force] that noise may have beside a fit.
 
     `floor` are the whitened force errors of the encoder (see `input_floor`), which act `where` the
-    error counts. Below the band's edge the noise is that of the whitener: white, coloured or 1/f,
-    without structure. Above it, the whole residual is noise. If the model does not explain the
-    force, both may contain structure; the noise is therefore bounded by the smallest residual of
-    the fits `in_air`, where a material has no force.
+    error counts.
     """
-    whitener = problem.whitener
-    size, weight = problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
-    rest = np.fft.rfft(problem.residual(fit) * whitener.mask)
-    above = 2.0 * float(np.sum(np.abs(rest[whitener.bins :]) ** 2))
-    below = 2.0 * float(np.sum(whitener.density - whitener.known))
-    encoder = _energy(floor, whitener) / max(float(np.mean(where)), 1e-9)
-    noise = above / (size * weight) + below / size**2
-    noise = min([noise, *(in_free_air(problem, each) for each in in_air)])
-    return float(np.sqrt(noise + encoder / size**2))
+
+    problem: Problem
+    fit: Fit
+    floor: Matrix
+    where: Vector
+
+    @cached_property
+    def fast(self) -> float:
+        """That of the force's fastest noise, and of the encoder's errors.
+
+        A larger residual is slow noise or an unknown law.
+        """
+        step = self.problem.force_step
+        fastest = force_noise(self.problem.force, step) ** 2
+        return float(np.sqrt(max(fastest, step**2 / 12.0) + self._encoder))
+
+    @cached_property
+    def quick(self) -> float:
+        """That of noise that changes faster than the motion.
+
+        It is what the residual changes by while the motion changes by `_STILL`, and at least the
+        `fast` noise. An amplifier's noise has less of the latter than of what is a little slower.
+        """
+        used = (self.where > 0.0) & (self.problem.whitener.mask > 0.0)
+        return max(self.fast, self._changes(used, _STILL * _time_scale(self.problem.motion)))
+
+    @cached_property
+    def in_air(self) -> float:
+        """That of the noise that free air shows; 0 without free air.
+
+        Of the residual there, what changes within `_QUICK_S` is noise of any colour, and so is 1/f
+        noise with the fast noise of this force. The rest may be an effect, such as a friction.
+        """
+        air = float(np.sqrt(_in_free_air(self.problem, self.fit)))
+        if not np.isfinite(air):
+            return 0.0
+        quick = self._changes(air_and_contact(self.problem)[0], _QUICK_S)
+        louder = float(np.sqrt(louder_in_contact(self.problem)))
+        return min(air, max(_pink_noise(self.problem), quick * louder))
+
+    @property
+    def known(self) -> float:
+        """That which the fastest differences or free air show to be noise."""
+        return max(self.fast, self.in_air)
+
+    @property
+    def lawless(self) -> float:
+        """That of noise that no law of the motion can cause: it is quick, or free air shows it."""
+        return max(self.quick, self.in_air)
+
+    def bounded(self, known: float) -> float:
+        """Return the largest deviation that noise may have in this recording.
+
+        A model of slow noise may absorb a slow effect. Its estimate is therefore bounded by
+        `_LARGEST_SLOW_NOISE` or the `known` deviation, whichever is larger.
+        """
+        slow = _LARGEST_SLOW_NOISE * float(np.std(self.problem.force[self.where > 0.0]))
+        return min(max(slow, known), self.perfect((self.fit,)))
+
+    def perfect(self, in_air: Sequence[Fit] = ()) -> float:
+        """Return the deviation of a perfect model's residual.
+
+        Below the band's edge the noise is that of the whitener: white, coloured or 1/f, without
+        structure. Above it, the whole residual is noise. If the model does not explain the force,
+        both may contain structure; the noise is therefore bounded by the smallest residual of the
+        fits `in_air`, where a material has no force.
+        """
+        whitener = self.problem.whitener
+        size, weight = self.problem.force.size, max(float(np.sum(whitener.mask**2)), 1.0)
+        rest = np.fft.rfft(self._rest * whitener.mask)
+        above = 2.0 * float(np.sum(np.abs(rest[whitener.bins :]) ** 2))
+        below = 2.0 * float(np.sum(whitener.density - whitener.known))
+        noise = above / (size * weight) + below / size**2
+        noise = min([noise, *(_in_free_air(self.problem, each) for each in in_air)])
+        return float(np.sqrt(noise + self._encoder))
+
+    @cached_property
+    def _rest(self) -> Vector:
+        return self.problem.residual(self.fit)
+
+    @cached_property
+    def _encoder(self) -> float:
+        """Mean square of the encoder's errors before whitening, over both signs of frequency."""
+        density, bins = self.problem.whitener.density, self.problem.whitener.bins
+        power = self.floor[:, :bins] ** 2 + self.floor[:, bins:] ** 2
+        share = max(float(np.mean(self.where)), 1e-9)
+        return float(np.mean(power @ density)) / share / self.problem.force.size**2
+
+    def _changes(self, used: NDArray[np.bool_], within: float) -> float:
+        """Return the deviation of what the residual of `used` samples changes by `within` a time.
+
+        Medians of its differences at several distances [s] leave out rare jumps, as at reversals.
+        """
+        rest, longest = self._rest, int(within / self.problem.motion.dt)
+        lags = 2 ** np.arange(longest.bit_length())  # none if not even one sample lies within it
+        pairs = ((used[lag:] & used[:-lag], rest[lag:] - rest[:-lag]) for lag in lags.tolist())
+        changes = [robust_deviation(change[both]) for both, change in pairs if np.any(both)]
+        return max(changes, default=0.0) / float(np.sqrt(2.0))
 
 
-def fast_noise(problem: Problem, floor: Matrix, where: Vector) -> float:
-    """Return the deviation [rig's force] of the force's fastest noise, and of the encoder's errors.
-
-    `floor` are the errors as in `noise_floor`, which act `where` the error counts. A larger
-    residual is slow noise or an unknown law.
-    """
-    encoder = _energy(floor, problem.whitener) / max(float(np.mean(where)), 1e-9)
-    by_steps = problem.force_step**2 / 12.0
-    fastest = force_noise(problem.force, problem.force_step) ** 2
-    return float(np.sqrt(max(fastest, by_steps) + encoder / problem.force.size**2))
-
-
-def quick_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
-    """Return the deviation [rig's force] of noise that changes faster than the motion.
-
-    It is what the residual of `fit` changes by while the motion changes by `_STILL`, and at least
-    the `fast_noise`. An amplifier's noise has less of the latter than of what is a little slower.
-    """
-    used = (where > 0.0) & (problem.whitener.mask > 0.0)
-    quick = _quick(problem, fit, used, _STILL * _time_scale(problem))
-    return max(fast_noise(problem, floor, where), quick)
-
-
-def _time_scale(problem: Problem) -> float:
+def _time_scale(motion: RecordedMotion) -> float:
     """Return the time [s] in which the motion, or its speed, changes by its own deviation."""
-    x, v, a = (float(np.std(row)) for row in (problem.motion.x, problem.motion.v, problem.motion.a))
+    x, v, a = (float(np.std(row)) for row in (motion.x, motion.v, motion.a))
     return min(x / v, v / a) if min(v, a) > 0.0 else 0.0
 
 
-def known_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
-    """Return the deviation [rig's force] that the fastest differences or free air show to be noise.
-
-    In free air it is the residual of `fit`; `floor` and `where` are those of `noise_floor`.
-    """
-    return max(fast_noise(problem, floor, where), noise_in_air(problem, fit))
-
-
-def lawless_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
-    """Return the deviation [rig's force] of noise that no law of the motion can cause.
-
-    It is the `quick_noise`, or what free air shows.
-    """
-    return max(quick_noise(problem, fit, floor, where), noise_in_air(problem, fit))
-
-
-def largest_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector) -> float:
-    """Return the largest deviation [rig's force] that noise may have in this recording.
-
-    A model of slow noise may absorb a slow effect. Its estimate is therefore bounded by
-    `_LARGEST_SLOW_NOISE` or the `lawless_noise`, whichever is larger.
-    """
-    return bounded_noise(problem, fit, floor, where, lawless_noise(problem, fit, floor, where))
-
-
-def bounded_noise(problem: Problem, fit: Fit, floor: Matrix, where: Vector, known: float) -> float:
-    """Return the `noise_floor`, at most `_LARGEST_SLOW_NOISE` or the `known` deviation."""
-    slow = _LARGEST_SLOW_NOISE * float(np.std(problem.force[where > 0.0]))
-    return min(max(slow, known), noise_floor(problem, fit, floor, where, (fit,)))
-
-
-def noise_in_air(problem: Problem, fit: Fit) -> float:
-    """Return the deviation [rig's force] of the noise that free air shows; 0 without free air.
-
-    Of the residual of `fit` there, what changes within `_QUICK_S` is noise of any colour, and so is
-    1/f noise with the fast noise of this force. The rest may be an effect, such as a friction.
-    """
-    air = float(np.sqrt(in_free_air(problem, fit)))
-    if not np.isfinite(air):
-        return 0.0
-    quick = _quick(problem, fit, air_and_contact(problem)[0], _QUICK_S)
-    return min(air, max(pink_noise(problem), quick * float(np.sqrt(louder_in_contact(problem)))))
-
-
-def _quick(problem: Problem, fit: Fit, used: NDArray[np.bool_], within: float) -> float:
-    """Return the deviation of what the residual of `used` samples changes by `within` a time [s].
-
-    Medians of its differences at several distances leave out rare jumps, as at reversals.
-    """
-    rest = problem.residual(fit)
-    longest = int(within / problem.motion.dt)
-    lags = 2 ** np.arange(longest.bit_length())  # none if not even one sample lies within it
-    pairs = ((used[lag:] & used[:-lag], rest[lag:] - rest[:-lag]) for lag in lags.tolist())
-    changes = [robust_deviation(change[both]) for both, change in pairs if np.any(both)]
-    return max(changes, default=0.0) / float(np.sqrt(2.0))
-
-
-def pink_noise(problem: Problem) -> float:
+def _pink_noise(problem: Problem) -> float:
     """Return the deviation [rig's force] of 1/f noise with the fast noise of this force.
 
     Of a density c/f between 1/T and half the rate, the variance of n samples is c log(n/2), and
@@ -159,7 +165,7 @@ def pink_noise(problem: Problem) -> float:
     return float(force_noise(problem.force, problem.force_step) * np.sqrt(octaves))
 
 
-def in_free_air(problem: Problem, fit: Fit) -> float:
+def _in_free_air(problem: Problem, fit: Fit) -> float:
     """Return the mean square of the noise in contact that free air shows; infinite without it.
 
     It is that of the model's residual in free air, times the ratio of its levels, and at least the
@@ -167,13 +173,5 @@ def in_free_air(problem: Problem, fit: Fit) -> float:
     """
     if not fit.model.base.touches or pressed_all_along(problem):
         return float(np.inf)
-    air, _ = air_and_contact(problem)
-    left = problem.mean_square(fit, air)
+    left = problem.mean_square(fit, air_and_contact(problem)[0])
     return max(left * louder_in_contact(problem), problem.force_step**2 / 12.0)
-
-
-def _energy(rows: Matrix, whitener: Whitener) -> float:
-    """Return the mean energy of whitened rows before whitening, over both signs of frequency."""
-    bins = whitener.bins
-    power = rows[:, :bins] ** 2 + rows[:, bins:] ** 2
-    return float(np.mean(power @ whitener.density))
