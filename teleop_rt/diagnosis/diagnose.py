@@ -123,10 +123,10 @@ def _add_notes(
     answer["notes"] += [hint for hint in hints if hint is not None]
     answer["notes"] += notes_of(answer, model, base, recording, surface, made.weighed.samples)
     answer["notes"] += made.signs
-    times = [(start + n * recording.dt, start + m * recording.dt) for n, m in made.lost]
+    times = [(start + n * recording.dt, start + m * recording.dt) for n, m in made.weighed.lost]
     answer["notes"] += [of_dropout(*pair) for pair in times]
-    answer["gaps"]["count"] += len(made.lost)
-    answer["gaps"]["samples"] += sum(past - first for first, past in made.lost)
+    answer["gaps"]["count"] += len(made.weighed.lost)
+    answer["gaps"]["samples"] += sum(past - first for first, past in made.weighed.lost)
 
 
 def _in_air(found: Diagnosis) -> tuple[Fit, ...]:

@@ -12,7 +12,6 @@ from teleop_rt.diagnosis.answers.experiment import Reach
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.confirmed import unweighted
 from teleop_rt.diagnosis.inference.explanation import likelihoods
-from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import ExpectedError
 from teleop_rt_dev.diagnosis.plants import Record
@@ -155,7 +154,7 @@ def test_probabilities_compare_fits_by_the_same_weights() -> None:
     recording = recorded(toned("force_bias"))
     found = diagnose(recording, "kelvin-voigt", surface=0.0)
     assert len(found.judgement.sets) > 1
-    plain = unweighted(found, input_errors(found.problem.motion, recording))
+    plain = unweighted(found)
     assert plain.judgement.sets[0].fit.bic != found.judgement.sets[0].fit.bic
     assert plain.judgement.probability == likelihoods(found.judgement)
 

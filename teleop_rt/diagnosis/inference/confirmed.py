@@ -23,8 +23,6 @@ from teleop_rt.diagnosis.noise.not_noise import not_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import Stretch
 
 
 @dataclass(frozen=True)
@@ -32,14 +30,13 @@ class Judged:
     """The judgement `found`, and what it was made from.
 
     `weighed` has the weights that follow the noise, `plain` equal weights on all frequencies;
-    `lost` are the dropouts of the force sensor, `blocks` the held-out blocks, and `signs` the
-    properties of what is left that noise does not have.
+    `blocks` are the held-out blocks, and `signs` the properties of what is left that noise does not
+    have.
     """
 
     weighed: Diagnosis
     plain: Diagnosis
     found: Diagnosis
-    lost: list[Stretch]
     blocks: Blocks
     signs: Sequence[str] = ()
 
@@ -49,46 +46,36 @@ class Judged:
         return self.found.judgement.verdict in INCONCLUSIVE
 
 
-def confirmed(
-    recording: Recording,
-    weighed: Diagnosis,
-    errors: list[RecordedMotion],
-    lost: list[Stretch],
-    effects: tuple[Effect, ...],
-) -> Judged:
+def confirmed(recording: Recording, weighed: Diagnosis, effects: tuple[Effect, ...]) -> Judged:
     """Return the judgement of one view of the contact, as later checks confirm it.
 
-    `weighed`, `errors` and `lost` are those of `in_rounds`.
+    `weighed` is that of `in_rounds`.
     """
     if weighed.judgement.verdict == "no_missing_effect":
-        return _nothing_missing(weighed, errors, lost)
+        return _nothing_missing(weighed)
     enter("confirming by an unweighted fit")
-    found, plain = _confirmed(weighed, errors)
+    found, plain = _confirmed(weighed)
     if found is not None:
-        made = _confirmed_on_blocks(weighed, plain, found, lost)
+        made = _confirmed_on_blocks(weighed, plain, found)
         if made.found.judgement.sets:
             return made
-    found = judge_with_unknown_remainder(plain, recording, effects, errors)
-    made = _confirmed_on_blocks(weighed, found, found, lost)
+    found = judge_with_unknown_remainder(plain, recording, effects)
+    made = _confirmed_on_blocks(weighed, found, found)
     if made.found.judgement.verdict == "unexplained" and _leaves_noise(weighed):
         nothing = replace(weighed.judgement, verdict="no_missing_effect", sets=(), family=None)
-        return _nothing_missing(replace(weighed, judgement=nothing), errors, lost)
+        return _nothing_missing(replace(weighed, judgement=nothing))
     return made
 
 
-def _nothing_missing(
-    weighed: Diagnosis, errors: list[RecordedMotion], lost: list[Stretch]
-) -> Judged:
+def _nothing_missing(weighed: Diagnosis) -> Judged:
     """Return the judgement that nothing is missing, "unexplained" if what is left is no noise."""
-    if signs := not_noise(weighed.problem, weighed.base, errors):
+    if signs := not_noise(weighed.problem, weighed.base, weighed.errors):
         unexplained = replace(weighed.judgement, verdict="unexplained")
         weighed = replace(weighed, judgement=unexplained)
-    return replace(_confirmed_on_blocks(weighed, weighed, weighed, lost), signs=signs)
+    return replace(_confirmed_on_blocks(weighed, weighed, weighed), signs=signs)
 
 
-def _confirmed_on_blocks(
-    weighed: Diagnosis, plain: Diagnosis, found: Diagnosis, lost: list[Stretch]
-) -> Judged:
+def _confirmed_on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> Judged:
     """Return the judgement, or "unexplained" if held-out blocks do not confirm its best set.
 
     The other sets of a class fit no better, and are not named in its place.
@@ -98,7 +85,7 @@ def _confirmed_on_blocks(
     if judgement.sets and not on_blocks.confirm(judgement.sets[0]):
         nothing = replace(judgement, verdict="unexplained", sets=(), probability={})
         found = replace(found, judgement=nothing)
-    return Judged(weighed, plain, found, lost, blocks)
+    return Judged(weighed, plain, found, blocks)
 
 
 def _leaves_noise(weighed: Diagnosis) -> bool:
@@ -113,21 +100,19 @@ def _leaves_noise(weighed: Diagnosis) -> bool:
     return weighed.left_by(base) <= REDRAWN_NOISE_RATIO * weighed.noise_levels(base).in_air
 
 
-def _confirmed(
-    weighed: Diagnosis, errors: list[RecordedMotion]
-) -> tuple[Diagnosis | None, Diagnosis]:
+def _confirmed(weighed: Diagnosis) -> tuple[Diagnosis | None, Diagnosis]:
     """Return the diagnosis that an unweighted fit confirms, if any, and the unweighted one.
 
     A named set is kept if its residual is noise, or small against that of the base.
     """
-    plain = unweighted(weighed, errors)
+    plain = unweighted(weighed)
     if not weighed.judgement.sets or weighed.judgement.verdict == "partial":
         return None, plain
     noise, in_air = noise_of(weighed), noise_of(weighed, (weighed.base, weighed.best))
     judgement = confirmed_unweighted(weighed.judgement, plain.problem, plain.base, noise, in_air)
     if judgement is not weighed.judgement:
         weighed = replace(weighed, judgement=judgement)
-        plain = unweighted(weighed, errors)
+        plain = unweighted(weighed)
     levels, left = weighed.noise_levels(weighed.best), plain.left_by(plain.best)
     most = levels.bounded(levels.lawless)
     if judgement.verdict == "partial" or needs_unknown_remainder(plain, left, levels.known, most):
@@ -135,7 +120,7 @@ def _confirmed(
     return (plain if _predicts_worse(weighed, plain) else weighed), plain
 
 
-def unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
+def unweighted(found: Diagnosis) -> Diagnosis:
     """Return the diagnosis with equal weight on all frequencies of the force.
 
     A model that leaves structure is fitted with these weights: weights that follow the noise would
@@ -153,7 +138,7 @@ def unweighted(found: Diagnosis, errors: list[RecordedMotion]) -> Diagnosis:
         chances = judgement.probability or likelihoods(judgement)
         sets = (replace(best, fit=fit), *judgement.sets[1:])
         judgement = replace(judgement, sets=sets, probability=chances)
-    floor_rows = input_floor(problem, base, errors)
+    floor_rows = input_floor(problem, base, found.errors)
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 
 

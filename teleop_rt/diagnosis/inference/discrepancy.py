@@ -24,7 +24,6 @@ from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels
 from teleop_rt.diagnosis.noise.structure import LackOfFit, pressed_all_along
 from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _LARGEST_LEFT = 0.2  # of the base's energy above noise; another form of a law leaves less
 
@@ -47,14 +46,9 @@ def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: 
 
 
 def judge_with_unknown_remainder(
-    plain: Diagnosis,
-    recording: Recording,
-    effects: tuple[Effect, ...],
-    errors: list[RecordedMotion],
+    plain: Diagnosis, recording: Recording, effects: tuple[Effect, ...]
 ) -> Diagnosis:
     """Return the diagnosis by sets of effects that are judged on inner blocks, and the predictor.
-
-    `errors` are motions with encoder errors: no set explains the force that they cause through it.
 
     The problem of `plain` weights all frequencies equally: weights that follow the noise would
     ignore the force at frequencies where the unknown remainder is largest.
@@ -63,7 +57,8 @@ def judge_with_unknown_remainder(
     pressed = pressed_all_along(problem)
     library = applicable(effects, recording, base.model.base, pressed=pressed)
     tried = search_sets(problem, base, library)
-    rows = input_floor(problem, tried[0].fit, errors)
+    # No set explains the force that encoder errors cause through it.
+    rows = input_floor(problem, tried[0].fit, plain.errors)
     noise = NoiseLevels(problem, tried[0].fit, rows, problem.whitener.mask).lawless
 
     def apart(one: Scored, other: Scored) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,18 +51,22 @@ class Diagnosis:
 
     `predicting` is the base alone with the parameters that predict best, `predictor` the set that
     predicts if another set explains, `samples` the choice of samples that the judgement uses.
+    `errors` are motions with encoder errors, `input_errors` the whitened errors that they cause of
+    the base's force, and `lost` the dropouts of the force sensor.
     """
 
     problem: Problem
     base: Fit
     judgement: Judgement
     candidates: tuple[Ranked, ...]
+    errors: list[RecordedMotion]
     input_errors: Matrix
     answer: dict[str, Any]
     experiment: Experiment | None = None
     predicting: Fit | None = None
     predictor: Fit | None = None
     samples: Samples = "usual"
+    lost: Sequence[Stretch] = ()
 
     @property
     def best(self) -> Fit:
@@ -89,38 +93,38 @@ def in_rounds(
     posed: Callable[..., tuple[Problem, Base]],
     recording: Recording,
     effects: tuple[Effect, ...],
-) -> tuple[Diagnosis, list[RecordedMotion], list[Stretch]]:
-    """Return the judgement, the encoder-error motions, and the dropouts of the force sensor.
+) -> Diagnosis:
+    """Return the judgement of all samples, or of those on which it can rest.
 
     Dropouts are left out first. If the verdict may rest on touches, these are left out as well. If
     nothing is missing and the recording starts in contact, its beginning is included when its
     residual is larger than that of the rest.
     """
     problem, model = posed()
-    weighed, errors = _judged(problem, model, recording, effects)
+    weighed = _judged(problem, model, recording, effects)
     if lost := dropouts(weighed.problem, weighed.best):
         problem = without(problem, lost)
-        weighed, errors = _judged(problem, model, recording, effects)
+        weighed = replace(_judged(problem, model, recording, effects), lost=lost)
     verdict = weighed.judgement.verdict
     if model.touches and _may_rest_on_touches(weighed, recording):
-        away, again = _judged(touches.spared(problem), model, recording, effects)
+        away = _judged(touches.spared(problem), model, recording, effects)
         known = touches.explained_by_timing(weighed.problem, away.problem, away.best)
         if known and away.judgement.verdict not in INCONCLUSIVE:
-            return replace(away, samples="away from touches"), again, lost
+            return replace(away, samples="away from touches", lost=lost)
     if model.touches and verdict == "no_missing_effect":
         whole = without(posed(fresh=True)[0], lost)
         if beginning.misfits(whole, weighed.problem, weighed.base):
-            from_start, again = _judged(whole, model, recording, effects)
+            from_start = _judged(whole, model, recording, effects)
             if _complete(from_start.judgement):
-                return replace(from_start, samples="from the start"), again, lost
+                return replace(from_start, samples="from the start", lost=lost)
             weighed = replace(weighed, samples="without an odd beginning")
-    return weighed, errors, lost
+    return weighed
 
 
 def _judged(
     problem: Problem, model: Base, recording: Recording, effects: tuple[Effect, ...]
-) -> tuple[Diagnosis, list[RecordedMotion]]:
-    """Return the judgement with its noise model, and the encoder-error motions."""
+) -> Diagnosis:
+    """Return the judgement with its noise model."""
     enter("fitting the base")
     library = applicable(effects, recording, model, pressed=pressed_all_along(problem))
     alone = fit_base(problem, model)
@@ -152,7 +156,7 @@ def _judged(
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
-    return Diagnosis(problem, alone, judgement, candidates, rank.rows, {}), errors
+    return Diagnosis(problem, alone, judgement, candidates, errors, rank.rows, {})
 
 
 def _complete(judgement: Judgement) -> bool:

@@ -68,10 +68,10 @@ def _judged(
     if instead_of is not None and not _may_explain(recording, view, instead_of):
         return instead_of
     posed = partial(pose, recording, view.base, view.surface)
-    weighed, errors, lost = in_rounds(posed, recording, effects)
+    weighed = in_rounds(posed, recording, effects)
     if instead_of is not None and _least_left(weighed) >= _left_by(instead_of):
         return instead_of
-    made = confirmed(recording, weighed, errors, lost, effects)
+    made = confirmed(recording, weighed, effects)
     return made if instead_of is None or _explains_more(made, instead_of) else instead_of
 
 
