@@ -11,12 +11,12 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.answers import outliers
 from teleop_rt.diagnosis.answers.answer import base_entry, candidates_of, effects_of
 from teleop_rt.diagnosis.answers.detectable import detectable
-from teleop_rt.diagnosis.answers.errors import errors_of
+from teleop_rt.diagnosis.answers.errors import HeldOut
 from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
-from teleop_rt.diagnosis.answers.residuals import Unseen, nearest, predict_recording
+from teleop_rt.diagnosis.answers.residuals import nearest, predict_recording
 from teleop_rt.diagnosis.criteria import SECOND_SHARE
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.applicable import applicable
@@ -143,7 +143,7 @@ def _bounded(made: Judged) -> tuple[Judged, dict[str, Any]]:
     # A perfect model leaves no more than the best one.
     left = found.left_by(found.predicts)
     noise = min(noise_of(made.weighed, _in_air(found)), left)
-    errors = errors_of(made.blocks.predicted(found.predicts, noise), found.problem.motion.dt)
+    errors = made.blocks.predicted(found.predicts, noise).errors
     if found.predictor is None:
         judgement = bounded_by_error(found.judgement, errors["after_over_floor"] or 1.0)
         found = replace(found, judgement=judgement)
@@ -162,12 +162,12 @@ def errors_of_named(
     return named_on(found, test, surface).errors
 
 
-def named_on(found: Diagnosis, test: Recording, surface: float | None = None) -> Unseen:
+def named_on(found: Diagnosis, test: Recording, surface: float | None = None) -> HeldOut:
     """Return the prediction of another recording by the base, and by the named effects with it."""
     return _predicted(replace(found, predictor=None), test, surface)
 
 
-def _predicted(found: Diagnosis, test: Recording, surface: float | None) -> Unseen:
+def _predicted(found: Diagnosis, test: Recording, surface: float | None) -> HeldOut:
     base = found.predicting or found.base
     return predict_recording(test, base, found.predicts, found.problem, surface, _in_air(found))
 

@@ -9,7 +9,7 @@ from typing import Any
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.answers import extended
-from teleop_rt.diagnosis.answers.residuals import Residuals, residuals_of
+from teleop_rt.diagnosis.answers.residuals import Residuals, residuals_of, residuals_on
 from teleop_rt.diagnosis.diagnose import diagnose, named_on
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
@@ -92,7 +92,8 @@ def close_over(
         ),
         "handled": handled(result, known),
     }
-    return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh), predicted.residuals
+    left = residuals_on(predicted, unseen.units)
+    return answer | {"fresh": fresh} | keep_or_withdraw(model, fresh), left
 
 
 def _without_errors(reason: str) -> dict[str, Any]:

@@ -9,12 +9,15 @@ import pytest
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of
+from teleop_rt.diagnosis.answers.errors import HeldOut
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Problem
+from teleop_rt.diagnosis.noise.whiten import white
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.dropouts import dropouts
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.preparation import problem_of
 
 T = np.arange(10_000) * 1e-3
@@ -88,9 +91,8 @@ def test_a_sample_that_does_not_count_is_not_filtered_into_those_that_do() -> No
     predicted = np.sin(7.0 * t)
     force, where = predicted.copy(), np.ones(t.size)
     force[2000:2040], where[2000:2040] = 30.0, 0.0
-    errors = errors_of(
-        HeldOut("held-out blocks", force, 0.5 * predicted, predicted, where, 0.01), 1e-3
-    )
+    problem = Problem(RecordedMotion(t, t, t, t, 1e-3), force, white(where, 0.01, 1e-3))
+    errors = HeldOut("held-out blocks", problem, 0.5 * predicted, predicted, where, 0.01).errors
     smooth = errors["std_normalised_low_passed"]
     assert smooth["after"] == pytest.approx(errors["std_normalised"]["after"], abs=1e-9)
     assert smooth["before"] < 0.5

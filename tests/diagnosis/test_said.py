@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.effects import find
-from teleop_rt.diagnosis.answers.errors import HeldOut, errors_of
+from teleop_rt.diagnosis.answers.errors import HeldOut
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
+from teleop_rt.diagnosis.noise.whiten import white
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 from teleop_rt.errors import RecordingError
@@ -80,8 +83,9 @@ def test_a_turned_sign_is_in_the_notes_of_the_answer() -> None:
 def test_a_force_that_cannot_be_predicted_has_no_figure() -> None:
     rng = np.random.default_rng(2)
     force, where = rng.standard_normal(1000), np.ones(1000)
-    wild = HeldOut("held-out blocks", force, 0.5 * force, 1e9 * force, where, 0.01)
-    changed = errors_of(wild, 1e-3)
+    motion = RecordedMotion(force, force, force, force, 1e-3)
+    problem = Problem(motion, force, white(where, 1.0, 1e-3))
+    changed = HeldOut("held-out blocks", problem, 0.5 * force, 1e9 * force, where, 0.01).errors
     assert changed["after"] is None
     assert changed["after_over_floor"] is None
     assert changed["std_normalised"] == {"before": pytest.approx(0.5, rel=1e-2), "after": None}

@@ -21,11 +21,50 @@ class HeldOut:
     """Force that no fit used, its predictions before and after, and its noise."""
 
     on: str
-    force: Vector
+    problem: Problem
     before: Vector
     after: Vector
     where: Vector
     noise: float
+
+    @property
+    def errors(self) -> dict[str, Any]:
+        """The answer's `error`: before and after, and the noise floor."""
+        force, where = self.problem.force, self.where
+        before, after = (
+            defined(held_out.error(force, p, where)) for p in (self.before, self.after)
+        )
+        span = float(np.ptp(force[where > 0.0])) if np.any(where) else 0.0
+        least = self.noise / span if span > 0.0 else None
+        return {
+            "metric": "nrmse",
+            "on": self.on,
+            "before": before.nrmse,
+            "after": after.nrmse,
+            "noise_floor": least,
+            "after_over_floor": after.nrmse / least if after.nrmse is not None and least else None,
+            "std_normalised": {"before": before.std_normalised, "after": after.std_normalised},
+            "std_normalised_low_passed": self._low_passed_errors(),
+        }
+
+    def _low_passed_errors(self) -> dict[str, Any] | None:
+        """Return the errors with force and prediction low-passed alike; null for slow recordings.
+
+        Samples that do not count are replaced by their measured force: the filter would otherwise
+        spread a dropout or a touch over their neighbours.
+        """
+        force, dt, counts = self.problem.force, self.problem.motion.dt, self.where > 0.0
+        if not held_out.smoothable(dt):
+            return None
+        smooth = held_out.low_passed(force, dt)
+        predicted = (np.where(counts, p, force) for p in (self.before, self.after))
+        found = [held_out.error(smooth, held_out.low_passed(p, dt), self.where) for p in predicted]
+        found = [defined(one) for one in found]
+        return {
+            "filter": "zero-phase Butterworth, 4th order, 20 Hz, on force and prediction",
+            "before": found[0].std_normalised,
+            "after": found[1].std_normalised,
+        }
 
 
 @dataclass(frozen=True)
@@ -57,14 +96,14 @@ class Blocks:
         before = self.force(self.plain, self.base)
         after = before if best is self.base else self.force(self.problem, best)
         where = held_out.counted(self.problem, self.base)
-        return HeldOut("held-out blocks", self.problem.force, before, after, where, noise)
+        return HeldOut("held-out blocks", self.problem, before, after, where, noise)
 
 
 def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
     """Return the prediction of another recording."""
-    predicted = [fit.elsewhere.force_on(fresh.motion) for fit in (base, best)]
+    before, after = (fit.elsewhere.force_on(fresh.motion) for fit in (base, best))
     where = held_out.counted(fresh, base)
-    return HeldOut("held-out record", fresh.force, predicted[0], predicted[1], where, noise)
+    return HeldOut("held-out record", fresh, before, after, where, noise)
 
 
 def explained(unseen: HeldOut) -> float:
@@ -73,7 +112,7 @@ def explained(unseen: HeldOut) -> float:
     if not np.any(where):
         return 1.0
     before, after = (
-        float(np.mean((unseen.force - predicted)[where] ** 2)) - unseen.noise**2
+        float(np.mean((unseen.problem.force - predicted)[where] ** 2)) - unseen.noise**2
         for predicted in (unseen.before, unseen.after)
     )
     return 1.0 - max(after, 0.0) / before if before > 0.0 else 1.0
@@ -83,43 +122,3 @@ def defined(error: held_out.Error) -> held_out.Error:
     """Return the error, without figures if it is so large that the model predicts nothing."""
     size = error.std_normalised
     return held_out.Error(None, None) if size is None or size > UNPREDICTABLE else error
-
-
-def errors_of(unseen: HeldOut, dt: float) -> dict[str, Any]:
-    """Return error before and after, and the noise floor."""
-    force, where = unseen.force, unseen.where
-    before, after = (
-        defined(held_out.error(force, p, where)) for p in (unseen.before, unseen.after)
-    )
-    span = float(np.ptp(force[where > 0.0])) if np.any(where) else 0.0
-    least = unseen.noise / span if span > 0.0 else None
-    return {
-        "metric": "nrmse",
-        "on": unseen.on,
-        "before": before.nrmse,
-        "after": after.nrmse,
-        "noise_floor": least,
-        "after_over_floor": after.nrmse / least if after.nrmse is not None and least else None,
-        "std_normalised": {"before": before.std_normalised, "after": after.std_normalised},
-        "std_normalised_low_passed": _low_passed_errors(unseen, dt),
-    }
-
-
-def _low_passed_errors(unseen: HeldOut, dt: float) -> dict[str, Any] | None:
-    """Return the errors with force and prediction low-passed alike; null for slow recordings.
-
-    Samples that do not count are replaced by their measured force: the filter would otherwise
-    spread a dropout or a touch over their neighbours.
-    """
-    if not held_out.smoothable(dt):
-        return None
-    force, counts = unseen.force, unseen.where > 0.0
-    smooth = held_out.low_passed(force, dt)
-    predicted = (np.where(counts, p, force) for p in (unseen.before, unseen.after))
-    found = [held_out.error(smooth, held_out.low_passed(p, dt), unseen.where) for p in predicted]
-    found = [defined(one) for one in found]
-    return {
-        "filter": "zero-phase Butterworth, 4th order, 20 Hz, on force and prediction",
-        "before": found[0].std_normalised,
-        "after": found[1].std_normalised,
-    }

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, errors_of, on_record
+from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, on_record
 from teleop_rt.diagnosis.inference.ranked import explains, family_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
@@ -61,24 +61,9 @@ def residuals_of(found: Diagnosis, units: tuple[str, str], drafted: Fit | None =
     return _residuals(problem, where, before, after, units)
 
 
-@dataclass(frozen=True)
-class Unseen:
-    """Another recording as a problem, and its force as two fits predict it, with its `units`."""
-
-    problem: Problem
-    predicted: HeldOut
-    units: tuple[str, str]
-
-    @property
-    def errors(self) -> dict[str, Any]:
-        """The answer's `error`, before and after."""
-        return errors_of(self.predicted, self.problem.motion.dt)
-
-    @property
-    def residuals(self) -> Residuals:
-        """The residuals before and after, of the samples that count."""
-        of = self.predicted
-        return _residuals(self.problem, of.where, of.before, of.after, self.units)
+def residuals_on(unseen: HeldOut, units: tuple[str, str]) -> Residuals:
+    """Return the residuals of another recording, of the samples that count."""
+    return _residuals(unseen.problem, unseen.where, unseen.before, unseen.after, units)
 
 
 def predict_recording(
@@ -88,7 +73,7 @@ def predict_recording(
     like: Problem,
     surface: float | None,
     in_air: tuple[Fit, ...] = (),
-) -> Unseen:
+) -> HeldOut:
     """Return the prediction of a recording by a base alone and by the best model.
 
     It is prepared as the problem `like` was; `surface` overrides its own [rig unit]. For fits
@@ -96,7 +81,7 @@ def predict_recording(
     """
     fresh, rows = with_own_noise(pose_again(test, best.model.base, surface, like), best, test)
     levels = NoiseLevels(fresh, best, rows, held_out.counted(fresh, best))
-    return Unseen(fresh, on_record(fresh, base, best, levels.perfect(in_air)), test.units)
+    return on_record(fresh, base, best, levels.perfect(in_air))
 
 
 def nearest(
@@ -114,8 +99,8 @@ def nearest(
     else:
         problem = pose_again(test, best.fit.model.base, surface, problem)
         unseen = on_record(problem, found.base, best.fit, 0.0)
-    where = unseen.where > 0.0
-    before, after = (nrmse(unseen.force[where], p[where]) for p in (unseen.before, unseen.after))
+    force, where = unseen.problem.force, unseen.where > 0.0
+    before, after = (nrmse(force[where], p[where]) for p in (unseen.before, unseen.after))
     return {
         "effects": list(best.fit.names),
         "family": family_of(best),

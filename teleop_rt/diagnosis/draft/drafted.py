@@ -15,8 +15,8 @@ from teleop_rt.diagnosis.answers.answer import (
     effect_entry,
     parameters_of_effect,
 )
-from teleop_rt.diagnosis.answers.errors import Blocks, errors_of
-from teleop_rt.diagnosis.answers.residuals import Unseen, predict_recording
+from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut
+from teleop_rt.diagnosis.answers.residuals import predict_recording
 from teleop_rt.diagnosis.draft.choice import Law, law_of
 from teleop_rt.diagnosis.draft.declaration import FILE, NAME, text_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
@@ -62,7 +62,7 @@ class Drafted:
         """Return the answer's `error` of the base alone and with the law, on another recording."""
         return self.predicted(test, surface).errors
 
-    def predicted(self, test: Recording, surface: float | None = None) -> Unseen:
+    def predicted(self, test: Recording, surface: float | None = None) -> HeldOut:
         """Return the prediction of another recording by the base alone, and with the law."""
         base = self.found.predicting or self.found.base
         return predict_recording(test, base, self.fit, self.found.problem, surface)
@@ -71,8 +71,7 @@ class Drafted:
         """Return the same on held-out blocks of the recording: its terms were chosen with them."""
         problem, base = self.found.problem, self.found.base
         noise = self.found.noise_levels(self.fit).perfect()
-        unseen = Blocks(problem, problem, base).predicted(self.fit, noise)
-        return errors_of(unseen, problem.motion.dt)
+        return Blocks(problem, problem, base).predicted(self.fit, noise).errors
 
     def entry(self, test: Recording | None, surface: float | None = None) -> dict[str, Any]:
         """Return the answer's `draft`: file, what it depends on, the law, and errors with it."""

@@ -137,7 +137,7 @@ def _explains_more(other: Judged, made: Judged) -> bool:
     both = used[0] & used[1]
     if np.count_nonzero(both) < _LEAST_COMMON * np.count_nonzero(used[1]):
         return False
-    error, most = (float(np.sqrt(np.mean((f.force - f.after)[both] ** 2))) for f in found)
+    error, most = (float(np.sqrt(np.mean((f.problem.force - f.after)[both] ** 2))) for f in found)
     fewer = len(other.found.predicts.names) < len(made.found.predicts.names)
     names = made.inconclusive and other.found.judgement.verdict in {"named", "class"}
     return REDRAWN_NOISE_RATIO * error < most or (error <= most and (fewer or names))
