@@ -64,7 +64,7 @@ def diagnose(
     weighed, found = made.weighed, made.found
     problem, model, judgement = found.problem, found.base.model.base, found.judgement
     answer = _answer(found, recording)
-    answer["error"] = on_blocks if test is None else errors_on(found, test, surface)
+    answer["error"] = on_blocks if test is None else predicted_on(found, test, surface).errors
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
     if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = estimated
@@ -150,26 +150,16 @@ def _bounded(made: Judged) -> tuple[Judged, dict[str, Any]]:
     return replace(made, found=found), errors
 
 
-def errors_on(found: Diagnosis, test: Recording, surface: float | None = None) -> dict[str, Any]:
-    """Return the answer's `error` of the base alone and of the best model on another recording."""
-    return _predicted(found, test, surface).errors
+def predicted_on(
+    found: Diagnosis, test: Recording, surface: float | None = None, *, named: bool = False
+) -> HeldOut:
+    """Return the prediction of another recording by the base alone, and by the best model.
 
-
-def errors_of_named(
-    found: Diagnosis, test: Recording, surface: float | None = None
-) -> dict[str, Any]:
-    """Return the same of the named effects alone: an extended model holds these and no other."""
-    return named_on(found, test, surface).errors
-
-
-def named_on(found: Diagnosis, test: Recording, surface: float | None = None) -> HeldOut:
-    """Return the prediction of another recording by the base, and by the named effects with it."""
-    return _predicted(replace(found, predictor=None), test, surface)
-
-
-def _predicted(found: Diagnosis, test: Recording, surface: float | None) -> HeldOut:
-    base = found.predicting or found.base
-    return predict_recording(test, base, found.predicts, found.problem, surface, _in_air(found))
+    The latter is the predictor, or that of the `named` effects: an extended model holds these and
+    no other.
+    """
+    base, best = found.predicting or found.base, found.best if named else found.predicts
+    return predict_recording(test, base, best, found.problem, surface, _in_air(found))
 
 
 def narrowed(found: Diagnosis, recording: Recording, sets: list[list[str]]) -> Diagnosis:

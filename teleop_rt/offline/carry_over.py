@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.diagnosis.diagnose import errors_of_named
+from teleop_rt.diagnosis.diagnose import predicted_on
 from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models.fit import Fit
@@ -91,7 +91,7 @@ def _over_floor(here: Diagnosed, there: Recording, names: Sequence[str]) -> floa
 
 def _errors(here: Diagnosed, there: Recording, names: Sequence[str]) -> dict[str, Any]:
     judgement = replace(here.diagnosis.judgement, sets=(here.fitted(names),))
-    return errors_of_named(replace(here.diagnosis, judgement=judgement), there)
+    return predicted_on(replace(here.diagnosis, judgement=judgement), there, named=True).errors
 
 
 def _follows_clock(fit: Fit, motion: RecordedMotion) -> bool:

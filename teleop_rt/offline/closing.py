@@ -20,7 +20,7 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects.user import library as known_effects
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.experiment import Reach
-from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, narrowed
+from teleop_rt.diagnosis.diagnose import diagnose, narrowed, predicted_on
 from teleop_rt.diagnosis.draft.drafted import Drafted
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
@@ -143,12 +143,11 @@ def _on_fresh_trial(
     before = run(alone, out / "before")
     after = run([*alone, *added, f"extended_model={model.resolve()}"], out / "after")
     unseen = load_any(out / "after" / RECORDING, _OWN)
-    free_run = (
-        draft.errors_on(unseen) if draft else errors_of_named(found.diagnosed.diagnosis, unseen)
-    )
+    diagnosed = found.diagnosed.diagnosis
+    predicted = draft.predicted(unseen) if draft else predicted_on(diagnosed, unseen, named=True)
     errors = {
         "changes": fresh,
-        "slave": _on_slave(free_run, before, after),
+        "slave": _on_slave(predicted.errors, before, after),
         "master": _at_hand(before, after),
         "handled": handled(chosen, library),
     }

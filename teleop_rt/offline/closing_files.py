@@ -10,7 +10,7 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.residuals import Residuals, residuals_of, residuals_on
-from teleop_rt.diagnosis.diagnose import diagnose, named_on
+from teleop_rt.diagnosis.diagnose import diagnose, predicted_on
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
 from teleop_rt.errors import RecordingError
@@ -68,7 +68,7 @@ def close_over(
     answer |= {key: result[key] for key in KEPT}
     answer |= {"extended_model": None, "withdrawn": None, "fresh": None}
     if result["effects"]:
-        predicted = named_on(found, unseen)
+        predicted = predicted_on(found, unseen, named=True)
     elif draft is not None:
         predicted = draft.predicted(unseen)
         result = {**result, "effects": [draft.effect], "base": draft.base,

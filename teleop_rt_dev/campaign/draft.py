@@ -69,7 +69,7 @@ def row(effect: str, seed: int) -> dict[str, Any]:
         found = diagnose(first, "kelvin-voigt", surface=0.0, test=second, effects=())
     with tempfile.TemporaryDirectory() as folder:
         draft = drafted(found, first, Path(folder))
-        error = None if draft is None else draft.errors_on(second, 0.0)
+        error = None if draft is None else draft.predicted(second, 0.0).errors
     taken = true["error"]["before"] - true["error"]["after"]
     measurable = taken > LEAST_TAKEN * true["error"]["before"]
     after = None if error is None else error["after"]

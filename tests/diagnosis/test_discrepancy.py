@@ -10,7 +10,7 @@ import pytest
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.criteria import HIGHEST_BESIDE_UNKNOWN
-from teleop_rt.diagnosis.diagnose import diagnose, errors_of_named, errors_on
+from teleop_rt.diagnosis.diagnose import diagnose, predicted_on
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
@@ -87,7 +87,7 @@ def test_the_predictor_holds_what_is_not_named_and_errs_less(found: Diagnosis) -
 
 
 def test_it_predicts_another_recording_of_the_body(found: Diagnosis) -> None:
-    error = errors_on(found, _cylinder(2))["std_normalised"]
+    error = predicted_on(found, _cylinder(2)).errors["std_normalised"]
     assert error["after"] < 0.6 * error["before"]
 
 
@@ -159,8 +159,8 @@ def test_a_loop_is_closed_with_the_named_effects_and_no_others(
     files = Files(tmp_path / "A.csv", tmp_path / "B.csv", Table({}, {}, None))
     answer, shown = close_over(found, _cylinder(1), other, files, tmp_path)
     error = answer["fresh"]["slave"]["free_run"]
-    assert error == errors_of_named(found, other)
-    assert error["after"] != errors_on(found, other)["after"]
+    assert error == predicted_on(found, other, named=True).errors
+    assert error["after"] != predicted_on(found, other).errors["after"]
     fresh = pose_again(other, found.base.model.base, None, found.problem)
     left = fresh.residual(found.best)
     rms = np.sqrt(np.mean(left[fresh.whitener.mask > 0.0] ** 2))

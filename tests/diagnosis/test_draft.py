@@ -132,7 +132,7 @@ def test_a_draft_takes_most_of_the_error_on_a_motion_that_it_has_not_seen(
     assert found.answer["verdict"] == "unexplained"
     draft = drafted(found, first, tmp_path)
     assert draft is not None
-    error = draft.errors_on(second, 0.0)
+    error = draft.predicted(second, 0.0).errors
     assert error["after"] < 0.35 * error["before"]
     entry = draft.entry(second, 0.0)
     assert entry["effect"]["explains"] > 0.8

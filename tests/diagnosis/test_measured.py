@@ -9,7 +9,7 @@ import pytest
 from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
-from teleop_rt.diagnosis.diagnose import diagnose, errors_on
+from teleop_rt.diagnosis.diagnose import diagnose, predicted_on
 from teleop_rt.diagnosis.recordings.layout import Layout
 from teleop_rt.diagnosis.recordings.recording import load
 
@@ -32,7 +32,7 @@ def test_friction_is_found_in_the_emps_drive_and_holds_on_its_test_file() -> Non
     smooth = answer["error"]["std_normalised_low_passed"]
     assert smooth["before"] > 0.15
     assert smooth["after"] <= 0.045
-    fresh = errors_on(found, load(folder / "DATA_EMPS_PULSES.mat", layout))
+    fresh = predicted_on(found, load(folder / "DATA_EMPS_PULSES.mat", layout)).errors
     assert fresh["std_normalised_low_passed"]["after"] <= 0.06
     assert fresh["std_normalised"]["after"] > fresh["std_normalised_low_passed"]["after"]
     by_instruments = answer["instruments"]["parameters"]["m"]

@@ -58,24 +58,20 @@ class Drafted:
         """The base beside the law, as in the answer."""
         return base_entry(self.fit, self.found.problem, self.found.input_errors, self.units)
 
-    def errors_on(self, test: Recording, surface: float | None = None) -> dict[str, Any]:
-        """Return the answer's `error` of the base alone and with the law, on another recording."""
-        return self.predicted(test, surface).errors
-
     def predicted(self, test: Recording, surface: float | None = None) -> HeldOut:
         """Return the prediction of another recording by the base alone, and with the law."""
         base = self.found.predicting or self.found.base
         return predict_recording(test, base, self.fit, self.found.problem, surface)
 
     def errors_on_blocks(self) -> dict[str, Any]:
-        """Return the same on held-out blocks of the recording: its terms were chosen with them."""
+        """Return the errors on held-out blocks, with which the terms of the law were chosen."""
         problem, base = self.found.problem, self.found.base
         noise = self.found.noise_levels(self.fit).perfect()
         return Blocks(problem, problem, base).predicted(self.fit, noise).errors
 
     def entry(self, test: Recording | None, surface: float | None = None) -> dict[str, Any]:
         """Return the answer's `draft`: file, what it depends on, the law, and errors with it."""
-        error = self.errors_on_blocks() if test is None else self.errors_on(test, surface)
+        error = self.errors_on_blocks() if test is None else self.predicted(test, surface).errors
         return {
             "file": str(self.file),
             "terms": self.law.words,
