@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -109,29 +109,22 @@ def _problem(x: Vector, found: Problem, noise: float) -> Problem:
     return Problem(motion, np.zeros(x.size), whiten.white(np.ones(x.size), noise, dt))
 
 
-class _Pair(NamedTuple):
-    """A member that plays the truth, and a rival that is fitted to it."""
-
-    truth: Fit
-    rival: Fit
-
-
 def _separation(
-    x: Vector, pairs: list[_Pair], found: Problem, noise: float, enough: float
+    x: Vector, pairs: list[tuple[Fit, Fit]], found: Problem, noise: float, enough: float
 ) -> float:
     """Return the smallest chi-square of a rival that is refitted to another set's prediction.
 
-    Stops as soon as it is below `enough`: the motion then is not the best. The pair that was
-    closest comes first in `pairs` the next time.
+    `pairs` hold the set that plays the truth, and a rival. Stops as soon as it is below `enough`:
+    the motion then is not the best. The pair that was closest comes first the next time.
     """
     smallest = float("inf")
     white = _problem(x, found, noise)
     problems: dict[int, Problem] = {}
     for pair in list(pairs):
-        if id(pair.truth) not in problems:
-            problems[id(pair.truth)] = replace(white, force=pair.truth.force_on(white.motion))
-        problem = problems[id(pair.truth)]
-        left = problem.refine(pair.rival.model, pair.rival.zeta, _EVALUATIONS).chi2
+        truth, rival = pair
+        if id(truth) not in problems:
+            problems[id(truth)] = replace(white, force=truth.force_on(white.motion))
+        left = problems[id(truth)].refine(rival.model, rival.zeta, _EVALUATIONS).chi2
         if left < smallest:
             smallest = left
             pairs.remove(pair)
@@ -156,7 +149,7 @@ def design(found: Problem, sets: list[Fit], reach: Reach | None = None) -> Exper
         fastest = 2.0 * float(np.max(np.abs(found.motion.v)))
         reach = Reach(depth, 0.3 * depth, fastest, 1.2 * found.motion.scales["force"])
     noise = max(force_noise(found.force, found.force_step), 1e-9)
-    pairs = [_Pair(*two) for two in permutations(sets, 2)]
+    pairs = list(permutations(sets, 2))
     best: Experiment | None = None
     for name, shape in profiles(reach.depth, reach.height).items():
         x = _within(shape, reach, sets, found)
