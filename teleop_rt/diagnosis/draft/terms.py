@@ -10,7 +10,7 @@ passes it on, `d` the deepest penetration.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -107,12 +107,8 @@ def candidates(base: Base) -> list[Term]:
     found += _IN_CONTACT if base.touches else _WITHOUT
     for term in _PAST + (_DEEPEST if base.touches else []):
         grid = MEMORIES[term.memory].grid or (0.0,)
-        found += [_with(term, value) for value in grid]
+        found += [replace(term, value=value) for value in grid]
     return found
-
-
-def _with(term: Term, value: float) -> Term:
-    return Term(term.group, term.family, term.expression, term.words, term.memory, value)
 
 
 def quantities(problem: Problem, fit: Fit, scaling: Scaling) -> dict[str, Vector]:

@@ -72,16 +72,11 @@ def judge_with_unknown_remainder(
         found.verdict,
         tuple(_ranked(one, scale) for one in found.sets),
         found.family,
-        base_energy(tried) * scale,
+        tried[0].energies[0] * scale,  # the base alone
         probability=found.probability,
     )
     candidates = tuple(_ranked(one, scale) for one in tried if one.names)
     return replace(plain, judgement=judgement, candidates=candidates, predictor=best.fit)
-
-
-def base_energy(tried: list[Scored]) -> float:
-    """Return the mean square [force^2] of the base's residual on inner blocks."""
-    return tried[0].energies[0]
 
 
 def _ranked(one: Scored, scale: float) -> Ranked:
