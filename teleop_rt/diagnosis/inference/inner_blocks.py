@@ -32,7 +32,6 @@ def blind_energy(problem: Problem, fit: Fit) -> float:
     if not parts.columns:
         return float(np.mean(target**2))
     rows = np.array(parts.columns)[:, where]
-    nonnegative = np.array([linear.nonnegative for linear in fit.model.linear], dtype=bool)
     deviation = float(np.sqrt(np.mean((target - fit.theta @ rows) ** 2)))
     rows, _ = centred(rows, fit.model.base.bias_place)
     weak = held_out.prior(rows, problem.force[where]) * deviation
@@ -43,5 +42,7 @@ def blind_energy(problem: Problem, fit: Fit) -> float:
     whole = np.sum(products, axis=0) + np.eye(*products[0].shape) * np.append(weak, 0.0) ** 2
     left = np.empty(target.size)
     for block, own in zip(blocks, products, strict=True):
-        left[block] = target[block] - signed_solution(whole - own, nonnegative) @ rows[:, block]
+        left[block] = (
+            target[block] - signed_solution(whole - own, fit.model.nonnegative) @ rows[:, block]
+        )
     return float(np.mean(left**2))

@@ -79,9 +79,7 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     """Screen an additive effect by its part orthogonal to the fitted model."""
     found = []
     for local in localised(problem, fit, effect):
-        signs = np.array(
-            [p.nonnegative for p in CandidateModel(NOTHING, (local,)).linear], dtype=bool
-        )
+        signs = CandidateModel(NOTHING, (local,)).nonnegative
         points = points_of(problem, local)
         gains, _ = chi2_falls(problem.rows_of(local, points), own, fit.residual, signs)
         best = int(np.argmax(gains))

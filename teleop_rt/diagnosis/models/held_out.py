@@ -91,7 +91,7 @@ def _with_prior(problem: Problem, whole: Problem, fit: Fit) -> Fit:
     theta = signed_least_squares(
         np.concatenate([seen, np.diag(weak)], axis=1),
         np.append(target, np.zeros(weak.size)),
-        np.array([linear.nonnegative for linear in fit.model.linear], dtype=bool),
+        fit.model.nonnegative,
     )
     return replace(fit, theta=uncentred(theta, shares, constant))
 
