@@ -13,6 +13,7 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.models.simulate import rate_of, run_step
+from teleop_rt.diagnosis.noise.whiten import power_of
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
 _SOLVED = 8  # periods that are simulated, of those that promise most
@@ -34,9 +35,8 @@ def localised(problem: Problem, fit: Fit, effect: Effect) -> list[Effect]:
     """Return the declaration of a tone, narrowed to each of the strongest lines of the residual."""
     if not is_tone(effect):
         return [effect]
-    bins = problem.whitener.bins
     resolution = 1.0 / (problem.motion.dt * problem.force.size)
-    power = fit.residual[:bins] ** 2 + fit.residual[bins:] ** 2
+    power = power_of(fit.residual)
     lowest = next(shape.lower for shape in effect.shapes if shape.points == 0)
     highest = next(shape.upper for shape in effect.shapes if shape.points == 0)
     power[: int(np.ceil(lowest / resolution))] = 0.0

@@ -10,6 +10,7 @@ from teleop_rt.diagnosis.inference.swings import swings
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, power_in_time
+from teleop_rt.diagnosis.noise.whiten import power_of
 from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
@@ -33,14 +34,14 @@ def shows_tone_or_air_force(problem: Problem, fit: Fit, errors: list[RecordedMot
     """
     if any(swings(effect) for effect in fit.model.effects):
         return False
-    left = _tone_power(_spectrum(fit.residual))
+    left = _tone_power(power_of(fit.residual))
     chance = 2.0 * (2 * _TONE_BINS + 1 + np.log(left.size) + _TONE_CHI2)
-    force = _tone_power(_spectrum(problem.target - fit.residual))
+    force = _tone_power(power_of(problem.target - fit.residual))
     lines = (left > chance) & (left > SECOND_SHARE * force)
     if np.any(lines):
         lines &= left > _TONE_RATIO * _neighbour_power(left)
         rows = errors_without_jumps(problem, fit, errors)
-        by_encoder = np.max([_tone_power(_spectrum(row)) for row in rows], axis=0)
+        by_encoder = np.max([_tone_power(power_of(row)) for row in rows], axis=0)
         if np.any(lines & (left > ENCODER_ENERGY_RATIO * by_encoder)):
             return True
     materials = all(effect.only_in_contact for effect in fit.model.effects)
@@ -77,7 +78,7 @@ def noise_beside_tone(problem: Problem, fit: Fit) -> float | None:
     place = _bin_of_tone(problem, fit)
     if place is None:
         return None
-    return float(_neighbour_power(_tone_power(_spectrum(fit.residual)))[place]) / _TONE_DIRECTIONS
+    return float(_neighbour_power(_tone_power(power_of(fit.residual)))[place]) / _TONE_DIRECTIONS
 
 
 def _bin_of_tone(problem: Problem, fit: Fit) -> int | None:
@@ -97,12 +98,6 @@ def adds_tone(effect: Effect) -> bool:
     """Return whether an effect is a force of one frequency in time."""
     in_time = any(shape.unit == "Hz" for shape in effect.shapes)
     return in_time and swings(effect) and effect.acts == "adds_force"
-
-
-def _spectrum(whitened: Vector) -> Vector:
-    """Return the power of a whitened row in each bin."""
-    bins = whitened.size // 2
-    return np.asarray(whitened[:bins] ** 2 + whitened[bins:] ** 2, dtype=np.float64)
 
 
 def _tone_power(power: Vector) -> Vector:

@@ -18,6 +18,7 @@ from teleop_rt.diagnosis.noise.structure import (
     noise_from,
     pressed_all_along,
 )
+from teleop_rt.diagnosis.noise.whiten import power_of
 from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.rows import force_noise, robust_deviation
@@ -132,10 +133,8 @@ class NoiseLevels:
     @cached_property
     def _encoder(self) -> float:
         """Mean square of the encoder's errors before whitening, over both signs of frequency."""
-        density, bins = self.problem.whitener.density, self.problem.whitener.bins
-        power = self.floor[:, :bins] ** 2 + self.floor[:, bins:] ** 2
-        share = max(float(np.mean(self.where)), 1e-9)
-        return float(np.mean(power @ density)) / share / self.problem.force.size**2
+        energy = float(np.mean(power_of(self.floor) @ self.problem.whitener.density))
+        return energy / max(float(np.mean(self.where)), 1e-9) / self.problem.force.size**2
 
     def _changes(self, used: NDArray[np.bool_], within: float) -> float:
         """Return the deviation of what the residual of `used` samples changes by `within` a time.

@@ -152,10 +152,16 @@ def white(mask: Vector, deviation: float, dt: float, edge_hz: float = BAND_HZ) -
 def knowing(whitener: Whitener, errors: Matrix) -> Whitener:
     """Return the whitener that knows a part of the noise, from whitened samples of it (rows)."""
     bins = whitener.bins
-    power = np.mean(errors[:, :bins] ** 2 + errors[:, bins:] ** 2, axis=0) * whitener.density
+    power = np.mean(power_of(errors), axis=0) * whitener.density
     starts, sizes = _groups(bins)
     smooth = np.add.reduceat(power, starts) / sizes
     return replace(whitener, known=np.repeat(smooth, sizes) / (2.0 * whitener.kept))
+
+
+def power_of(whitened: Matrix) -> Matrix:
+    """Return the power of whitened rows in each bin."""
+    bins = whitened.shape[-1] // 2
+    return np.asarray(whitened[..., :bins] ** 2 + whitened[..., bins:] ** 2)
 
 
 class Left(NamedTuple):
@@ -166,8 +172,7 @@ class Left(NamedTuple):
 
     def power(self, whitener: Whitener) -> Vector:
         """Return the power of each bin in the unit of the density, without the absorbed share."""
-        bins = whitener.bins
-        power = 0.5 * whitener.density * (self.row[:bins] ** 2 + self.row[bins:] ** 2)
+        power = 0.5 * whitener.density * power_of(self.row)
         power[0] *= 2.0
         return np.asarray(power)
 
