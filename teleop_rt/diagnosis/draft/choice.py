@@ -75,30 +75,26 @@ def law_of(problem: Problem, fit: Fit, *, of_time: bool = True) -> Law | None:
     inside = problem.motion.x + fit.model.shift(fit.zeta) > 0.0
     found = []
     for gated in (True, False) if scaling.touches else (False,):
-        blocks = FoldEquations(
-            np.concatenate((own, rows * inside if gated else rows)), problem.force, where
-        )
-        chosen = _exchanged(blocks, len(own), _forward(blocks, len(own), len(terms)), len(terms))
-        chosen = _thinned(blocks, len(own), chosen)
-        left = blocks.energy([*range(len(own)), *chosen])
-        handicap = 0.0 if gated else _IN_AIR * blocks.energy(range(len(own)))
-        found.append((left + handicap, gated, blocks, chosen))
+        blocks = FoldEquations(own, rows * inside if gated else rows, problem.force, where)
+        chosen = _thinned(blocks, _exchanged(blocks, _forward(blocks)))
+        handicap = 0.0 if gated else _IN_AIR * blocks.energy([])
+        found.append((blocks.energy(chosen) + handicap, gated, blocks, chosen))
     _, gated, blocks, chosen = min(found, key=lambda one: one[0])
     if not chosen:
         return None
-    coefficients = blocks.coefficients([*range(len(own)), *chosen])[len(own) :]
+    coefficients = blocks.coefficients(chosen)
     order = np.argsort(-np.abs(coefficients * blocks.sizes[chosen]))
     return Law(
-        tuple(terms[chosen[i] - len(own)] for i in order),
+        tuple(terms[chosen[i]] for i in order),
         tuple(float(coefficients[i]) for i in order),
         scaling,
         gated,
-        shares(blocks, len(own), terms, chosen),
+        shares(blocks, terms, chosen),
     )
 
 
 def shares(
-    blocks: FoldEquations, own: int, terms: Sequence[Term], chosen: Sequence[int]
+    blocks: FoldEquations, terms: Sequence[Term], chosen: Sequence[int]
 ) -> dict[Group, float]:
     """Return the share of the base's mean square that depends on each group of terms.
 
@@ -106,15 +102,13 @@ def shares(
     blocks, averaged over the orders of the groups (Shapley 1953). The unexplained
     share is 1 minus the sum.
     """
-    base = blocks.energy(range(own))
-    places = {
-        group: [place for place in chosen if terms[place - own].group == group] for group in GROUPS
-    }
+    base = blocks.energy([])
+    places = {group: [place for place in chosen if terms[place].group == group] for group in GROUPS}
     worth: dict[frozenset[Group], float] = {}
     for number in range(len(GROUPS) + 1):
         for some in combinations(GROUPS, number):
             chosen = [place for group in some for place in places[group]]
-            left = blocks.energy([*range(own), *chosen])
+            left = blocks.energy(chosen)
             worth[frozenset(some)] = max(0.0, 1.0 - left / max(base, 1e-300))
     return {group: round(_shapley(group, worth), 4) for group in GROUPS}
 
@@ -142,13 +136,13 @@ def _own_rows(problem: Problem, fit: Fit) -> Matrix:
     return np.array(rows).reshape(len(rows), x.size)
 
 
-def _forward(blocks: FoldEquations, own: int, count: int) -> list[int]:
+def _forward(blocks: FoldEquations) -> list[int]:
     """Return the places of the terms that lower the mean square on hidden blocks, best first."""
-    free = list(range(own, own + count))
+    free = list(blocks.places)
     chosen: list[int] = []
-    left = blocks.energy(range(own))
+    left = blocks.energy([])
     while free and len(chosen) < MOST_TERMS:
-        lower, best = min((blocks.energy([*range(own), *chosen, place]), place) for place in free)
+        lower, best = min((blocks.energy([*chosen, place]), place) for place in free)
         if lower > (1.0 - _GAIN) * left:
             break
         chosen.append(best)
@@ -157,7 +151,7 @@ def _forward(blocks: FoldEquations, own: int, count: int) -> list[int]:
     return chosen
 
 
-def _exchanged(blocks: FoldEquations, own: int, chosen: list[int], count: int) -> list[int]:
+def _exchanged(blocks: FoldEquations, chosen: list[int]) -> list[int]:
     """Return the terms after exchanges for better ones beside the others, until none is better.
 
     Forward choice alone keeps terms that it chose without the later ones.
@@ -165,19 +159,18 @@ def _exchanged(blocks: FoldEquations, own: int, chosen: list[int], count: int) -
     for _ in range(_EXCHANGES):
         before = list(chosen)
         for i in range(len(chosen)):
-            others = [*range(own), *chosen[:i], *chosen[i + 1 :]]
-            free = set(range(own, own + count)) - set(others)
+            others = [*chosen[:i], *chosen[i + 1 :]]
+            free = set(blocks.places) - set(others)
             chosen[i] = min((blocks.energy([*others, place]), place) for place in free)[1]
         if chosen == before:
             break
     return chosen
 
 
-def _thinned(blocks: FoldEquations, own: int, chosen: list[int]) -> list[int]:
+def _thinned(blocks: FoldEquations, chosen: list[int]) -> list[int]:
     """Return the terms without those that later ones made unnecessary."""
     for place in list(chosen[:-1]):
         rest = [other for other in chosen if other != place]
-        whole = blocks.energy([*range(own), *chosen])
-        if blocks.energy([*range(own), *rest]) < (1.0 + _KEPT_GAIN) * whole:
+        if blocks.energy(rest) < (1.0 + _KEPT_GAIN) * blocks.energy(chosen):
             chosen = rest
     return chosen
