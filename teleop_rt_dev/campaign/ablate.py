@@ -119,7 +119,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "empty extensions": ("inference.verdict:without_empty_extensions", first),
     "misfit as tolerance": ("inference.verdict:_tolerance", always(0.0)),
     "doubt in the noise": ("inference.ranked:scaled_by_doubt", second),
-    "confirmed unweighted": ("inference.unweighted:confirmed_unweighted", first),
+    "confirmed unweighted": ("inference.confirmed:confirmed_unweighted", first),
     "confirmed on blocks": ("inference.on_blocks:OnBlocks.confirm", always(value=True)),
     "no noise": ("noise.not_noise:not_noise", always([])),
     "noise of air after blocks": ("inference.confirmed:_leaves_noise", NEVER),

@@ -9,8 +9,8 @@ import pytest
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.confirmed import confirmed_unweighted
 from teleop_rt.diagnosis.inference.ranked import Ranked
-from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
 from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem

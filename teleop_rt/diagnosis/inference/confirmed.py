@@ -7,17 +7,23 @@ from dataclasses import dataclass, replace
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.answers.errors import Blocks
-from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
+from teleop_rt.diagnosis.criteria import (
+    EXCESS_NOISE_RATIO,
+    NAMED_SHARE,
+    PARTIAL_SHARE,
+    REDRAWN_NOISE_RATIO,
+)
 from teleop_rt.diagnosis.inference.discrepancy import (
     judge_with_unknown_remainder,
     needs_unknown_remainder,
 )
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
-from teleop_rt.diagnosis.inference.ranked import leaves_structure
+from teleop_rt.diagnosis.inference.ranked import family_of, leaves_structure
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis
-from teleop_rt.diagnosis.inference.unweighted import confirmed_unweighted
-from teleop_rt.diagnosis.models.fit import Fit
+from teleop_rt.diagnosis.inference.verdict import Judgement
+from teleop_rt.diagnosis.models import held_out
+from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.not_noise import not_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
@@ -118,6 +124,37 @@ def _confirmed(weighed: Diagnosis) -> tuple[Diagnosis | None, Diagnosis]:
     if judgement.verdict == "partial" or needs_unknown_remainder(plain, left, levels.known, most):
         return None, plain
     return (plain if _predicts_worse(weighed, plain) else weighed), plain
+
+
+def confirmed_unweighted(
+    judgement: Judgement, unweighted: Problem, base: Fit, noise: float, in_air: float
+) -> Judgement:
+    """Return the judgement without sets that fail to reduce the base's unweighted residual.
+
+    `unweighted` is the problem with equal weight on all frequencies, `base` the base fitted there.
+    `noise` is the noise's standard deviation by its model, `in_air` the one observed in free air; a
+    residual far above the latter must be explained like any excess. If no set is confirmed, the
+    best one is reported as a part.
+    """
+    where = held_out.counted(unweighted, base) > 0.0
+    before = unweighted.mean_square(base, where)
+
+    def reduces(share: float, after: float, ratio: float, noise: float) -> bool:
+        excess = after - noise**2
+        return after < (ratio * noise) ** 2 or excess < (1.0 - share) * (before - noise**2)
+
+    def stays(fit: Fit) -> bool:
+        after = unweighted.mean_square(unweighted.refine(fit.model, fit.zeta), where)
+        by_model = reduces(PARTIAL_SHARE, after, REDRAWN_NOISE_RATIO, noise)
+        return by_model and reduces(NAMED_SHARE, after, EXCESS_NOISE_RATIO, in_air)
+
+    if stays(judgement.sets[0].fit):
+        return judgement
+    sets = tuple(ranked for ranked in judgement.sets[1:] if stays(ranked.fit))
+    if sets:
+        return replace(judgement, verdict="named" if len(sets) == 1 else "class", sets=sets)
+    best = judgement.sets[0]
+    return replace(judgement, verdict="partial", sets=(best,), family=family_of(best))
 
 
 def unweighted(found: Diagnosis) -> Diagnosis:
