@@ -171,10 +171,9 @@ def unweighted(found: Diagnosis) -> Diagnosis:
     if judgement.sets:
         best = judgement.sets[0]
         fit = problem.refine(best.fit.model, best.fit.zeta)
-        # Of the fits before: compared fits must share their weights.
-        chances = judgement.probability or likelihoods(judgement)
         sets = (replace(best, fit=fit), *judgement.sets[1:])
-        judgement = replace(judgement, sets=sets, probability=chances)
+        # Likelihoods of the fits before: compared fits must share their weights.
+        judgement = replace(judgement, sets=sets, probability=likelihoods(judgement))
     floor_rows = input_floor(problem, base, found.errors)
     return replace(found, problem=problem, base=base, judgement=judgement, input_errors=floor_rows)
 

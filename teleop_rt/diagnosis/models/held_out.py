@@ -18,6 +18,7 @@ from teleop_rt.metrics import nrmse
 
 BLOCKS = 8  # of a record that are hidden in turn
 FOLDS = 4  # in which they are, so that a fold lies at several places
+_EVALUATIONS = 4  # of the descent of a refit, which begins at the fit to all blocks
 LOW_PASS_HZ = 20.0  # Hz, the bandwidth of published errors of drives
 MOST_FORCE = 10.0
 """Prior deviation of one linear parameter's force, over the force's root mean square [1]."""
@@ -101,7 +102,7 @@ def folds(size: int) -> NDArray[np.intp]:
     return np.asarray(np.arange(size) * BLOCKS // size % FOLDS, dtype=np.intp)
 
 
-def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
+def cross_predict(problem: Problem, fit: Fit) -> Vector:
     """Return the force predicted for each block by parameters fitted without it.
 
     Blocks are interleaved, so each fold sees the beginning as well as the end. The model runs
@@ -116,7 +117,7 @@ def cross_predict(problem: Problem, fit: Fit, evaluations: int = 4) -> Vector:
     predicted = np.zeros(size)
     for number in range(FOLDS):
         blind = problem.keeping(problem.whitener.mask * (fold != number))
-        refit = _with_prior(blind, problem, blind.refine(fit.model, fit.zeta, evaluations))
+        refit = _with_prior(blind, problem, blind.refine(fit.model, fit.zeta, _EVALUATIONS))
         hidden = fold == number
         predicted[hidden] = refit.force_on(motion)[hidden]
     return predicted + before
