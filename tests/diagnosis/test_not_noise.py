@@ -1,4 +1,4 @@
-"""Forces that pass for noise by their spectrum, but repeat, wait for a speed, jump, or kick."""
+"""Forces that pass for noise by their spectrum, but repeat, follow, wait for a speed, or kick."""
 
 from __future__ import annotations
 
@@ -78,7 +78,41 @@ def test_a_chatter_of_slow_motion_is_no_noise(seed: int, size_N: float, width: f
     chatter = size_N * noise * np.exp(-((v / (width * np.std(v))) ** 2))
     verdict, notes = _judged(_recorded((x, v), chatter, seed))
     assert verdict == "unexplained"
-    assert "depends on the speed" in notes
+    assert "changes with the speed" in notes
+
+
+def _chirp() -> tuple[Row, Row, Row]:
+    """Return the stroke from 0 to 1 of a motion that gets faster, its velocity and acceleration."""
+    slowest, rise = 2.0 * np.pi * 0.3, 2.0 * np.pi * 0.135
+    phase, rate = slowest * _T + 0.5 * rise * _T**2, slowest + rise * _T
+    stroke, turned = 0.5 * (1.0 - np.cos(phase)), 0.5 * np.sin(phase)
+    return stroke, turned * rate, turned * rise + 0.5 * np.cos(phase) * rate**2
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_stiffness_that_pulsates_is_no_noise(seed: int) -> None:
+    stroke, speed, _ = _chirp()
+    x, v = 1e-3 * stroke, 1e-3 * speed
+    frequency = np.fft.rfftfreq(_T.size, DT_S)
+    noise = np.fft.rfft(np.random.default_rng(600 + seed).standard_normal(_T.size))
+    pulses = np.fft.irfft(noise * np.exp(-((frequency - 4.0) ** 2)), _T.size)
+    verdict, notes = _judged(_recorded((x, v), 60.0 * pulses / np.std(pulses) * x, seed))
+    assert verdict == "unexplained"
+    assert "changes with the position" in notes
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gain_that_switches_is_no_noise(seed: int) -> None:
+    stroke, speed, acceleration = _chirp()
+    x, v, a = 0.1 * stroke, 0.1 * speed, 0.1 * acceleration
+    rng = np.random.default_rng(300 + seed)
+    gains = 1.0 + rng.uniform(-0.04, 0.04, 12)
+    force = (0.8 * a + 3.0 * v) * gains[(_T / _T[-1] * 11.99).astype(int)]
+    force += 0.01 * rng.standard_normal(_T.size)
+    recording = from_arrays("made", _T, 5e-6 * np.round(x / 5e-6), force)
+    answer = diagnose(recording, "mass,viscous,bias").answer
+    assert answer["verdict"] == "unexplained"
+    assert "follows the motion" in " ".join(answer["notes"])
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])

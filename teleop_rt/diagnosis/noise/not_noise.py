@@ -2,8 +2,8 @@
 
 A spectrum does not see phases. A force that depends on the place alone, a chatter that comes with
 slow motion, a contact that is loose now and then, or a body that kicks passes for noise of that
-colour. Noise does not repeat where the tool passes again, does not wait for a speed, and is about
-Gaussian.
+colour. Noise does not repeat where the tool passes again, does not follow the motion, does not wait
+for a speed or a place, and is about Gaussian.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.least_squares import explained
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.encoder import converter_errors, force_errors
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
@@ -23,25 +24,35 @@ from teleop_rt.diagnosis.samples.motion import RecordedMotion
 _PLACES = 400  # along the travel, at which the residual is compared with its own other half
 _FEWEST_PLACES = 30  # passed in both halves; of fewer a correlation says little
 _REPEATED = 0.7  # correlation of both halves: half of the variance repeats
-_SPEEDS = 6  # groups of samples, from the slowest to the fastest
+_GROUPS = 6  # of samples, in the order of a quantity
 _LEVEL_RATIO = 3.0  # of deviations between groups, beyond that of noise; sensors' grow by less
+_CAUSES = (
+    ("speed", "chatter, stick-slip or vibration of the drive"),
+    ("position", "a stiffness that pulsates, or a track that shakes"),
+)
+"""The quantities in whose order the level of a residual is compared, and what makes it change."""
 _SKEWED, _SKEW_RATIO = 0.5, 2.0  # at least, and over that of draws; a row of pulses has 1 to 2
 _PULSE_SIGMAS = 3.0  # of a residual, at which its values are cut: some rare samples are no row
+_STROKES = 4  # of a window in which a residual may follow the motion: two cycles
+_FEWEST_WINDOWS = 4  # of fewer, noise of a narrow band follows by chance
+_FOLLOWING, _FOLLOWING_RATIO = 0.5, 4.0  # share of a window's power; odds over those of draws
 _FLATTEST = 1.8  # kurtosis of an even distribution; one of two levels has 1, Gaussian noise 3
 
 
 class Signature(NamedTuple):
     """The properties that distinguish a residual from noise of its spectrum.
 
-    `repeats` is the correlation of its halves by place, `level_ratio` the largest deviation of a
-    group of speeds over the smallest, `skew` how far it lies to one side, without its sign, and
-    `flatness` the kurtosis.
+    `repeats` is the correlation of its halves by place, `levels` the largest deviation of a group
+    of samples over the smallest, by speed and by position, `skew` how far it lies to one side,
+    without its sign, `flatness` the kurtosis, and `follows` the share that a few cycles of the
+    motion explain.
     """
 
     repeats: float
-    level_ratio: float
+    levels: Vector
     skew: float
     flatness: float
+    follows: float
 
 
 def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[str]:
@@ -54,7 +65,9 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     residual = problem.force - force_of(fit.model, problem.motion, fit.zeta, fit.theta)
     seen = _signature(residual, problem.motion, used)
     drawn = [_signature(row, problem.motion, used) for row in _draws(problem, fit, errors)]
-    repeats, level_ratio, skew, flatness = (np.array(values) for values in zip(*drawn, strict=True))
+    repeats, levels, skew, flatness, follows = (
+        np.array(values) for values in zip(*drawn, strict=True)
+    )
     found = []
     if seen.repeats > max(_REPEATED, float(np.max(repeats))):
         found.append(
@@ -63,11 +76,12 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
             " such as a rough track, a friction at one place or a drive's own; record its map, or"
             " draft a law for --effects"
         )
-    if seen.level_ratio > _LEVEL_RATIO * float(np.max(level_ratio)):
-        found.append(
-            "what the base leaves looks like noise, but its level depends on the speed, by a factor"
-            f" of {seen.level_ratio:.2g}: chatter, stick-slip or vibration of the drive, no sensor"
-        )
+    for ratio, most, cause in zip(seen.levels, np.max(levels, axis=0), _CAUSES, strict=True):
+        if ratio > _LEVEL_RATIO * most:
+            found.append(
+                f"what the base leaves looks like noise, but its level changes with the {cause[0]},"
+                f" by a factor of {ratio:.2g}: {cause[1]}, no sensor"
+            )
     if seen.skew > max(_SKEWED, _SKEW_RATIO * float(np.max(skew))):
         found.append(
             "what the base leaves has the spectrum of noise, but lies to one side: pulses of force"
@@ -78,6 +92,12 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
         found.append(
             "what the base leaves looks like noise, but jumps between two levels: check plugs and"
             " wires of the force sensor, and its mount for play"
+        )
+    if seen.follows > _FOLLOWING and _odds(seen.follows) > _FOLLOWING_RATIO * _odds(max(follows)):
+        found.append(
+            "what the base leaves has the spectrum of noise, but follows the motion for some cycles"
+            f" ({seen.follows:.0%} of it is proportional to position and velocity there): the body,"
+            " or a gain, changes in time, or something swings with the motion"
         )
     return found
 
@@ -92,11 +112,14 @@ def _draws(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Vector:
 def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> Signature:
     rest = row[used] - np.mean(row[used])
     power = max(float(np.mean(rest**2)), 1e-300)
+    ranked = (np.abs(motion.v[used]), motion.x[used])
+    orders = [np.argsort(values, kind="stable") for values in ranked]
     return Signature(
         _repeats(rest, motion.x[used], motion.v[used]),
-        _level_ratio(rest, np.abs(motion.v[used])),
+        np.array([_level_ratio(rest[order]) for order in orders]),
         _skew(rest, _PULSE_SIGMAS * float(np.sqrt(power))),
         float(np.mean(rest**4)) / power**2,
+        _follows(rest, motion.x[used], motion.v[used]),
     )
 
 
@@ -132,8 +155,27 @@ def _halves_alike(rest: Vector, place: NDArray[np.int64]) -> float:
     return float(first @ second) / max(scale, 1e-300)
 
 
-def _level_ratio(rest: Vector, speed: Vector) -> float:
-    """Return the largest deviation of a group of speeds over the smallest."""
-    groups = np.array_split(rest[np.argsort(speed, kind="stable")], _SPEEDS)
-    levels = [float(np.sqrt(np.mean(group**2))) for group in groups]
+def _level_ratio(rest: Vector) -> float:
+    """Return the largest deviation of a group of successive samples over the smallest."""
+    levels = [float(np.sqrt(np.mean(group**2))) for group in np.array_split(rest, _GROUPS)]
     return max(levels) / max(min(levels), 1e-300)
+
+
+def _follows(rest: Vector, x: Vector, v: Vector) -> float:
+    """Return the median share of the power in a few cycles that position and velocity explain.
+
+    Their coefficients are those of these cycles alone. 0 for a motion of too few cycles.
+    """
+    turns = 1 + np.flatnonzero(np.diff(np.sign(x - np.median(x))))[::_STROKES]
+    if turns.size <= _FEWEST_WINDOWS:
+        return 0.0
+    shares = []
+    for cut in map(slice, turns[:-1], turns[1:]):
+        row = rest[cut] - np.mean(rest[cut])
+        left = row @ row - explained(np.array([np.ones(row.size), x[cut], v[cut]]), row)
+        shares.append(1.0 - left / max(float(row @ row), 1e-300))
+    return float(np.median(shares))
+
+
+def _odds(share: float) -> float:
+    return share / max(1.0 - share, 1e-300)
