@@ -8,6 +8,7 @@ import yaml
 from offline_tables import press, write_csv
 from scipy.io import savemat
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
 from teleop_rt.extras import install_command
 from teleop_rt.offline.commands import size_seen
@@ -258,3 +259,15 @@ def test_a_base_that_explains_all_is_printed_before_what_a_wrong_one_lacks(call,
     assert note.startswith("  note: the base kelvin-voigt without any effect predicts this force")
     assert any("direction_dependent_damping" in line for line in rest)
     assert not any("the base kelvin-voigt without" in line for line in rest)
+
+
+def test_effects_lists_each_name_of_the_library_once(call):
+    code, out, _ = call("effects", "--json")
+    assert code == 0
+    names = [json.loads(line)["name"] for line in out.splitlines()]
+    assert len(names) == len(set(names))
+    assert set(names) == {effect.name for effect in LIBRARY}
+    _, table, _ = call("effects")
+    rows = {line.split()[0]: line for line in table.splitlines()[1:]}
+    assert list(rows) == names
+    assert "A play of <gap> lies between encoder and tip." in rows["backlash"]

@@ -122,6 +122,11 @@ app = LazyGroup(
             "Name the effect that a model lacks, and report the errors without and with it.",
             panel=_RECORDINGS,
         ),
+        "effects": LazyCommand(
+            "teleop_rt.cli.effects:effects",
+            "List the effects that diagnose can name, and that a model can be extended by.",
+            panel=_RECORDINGS,
+        ),
         "report": LazyCommand(
             "teleop_rt.cli.showing:report",
             "Write the report of a run from its folder, also after a fault or a crash.",
