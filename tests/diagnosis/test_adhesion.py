@@ -31,8 +31,13 @@ def neck(stretch: NDArray[np.float64], shape: str) -> NDArray[np.float64]:
     return stretch if shape == "snaps" else np.sin(np.pi * stretch)
 
 
-@pytest.mark.parametrize("shape", ["snaps", "thins"])
-def test_a_neck_that_is_stretched_and_breaks_is_adhesion_and_nothing_else(shape: str) -> None:
+@pytest.mark.parametrize(("shape", "most"), [("snaps", 2.0), ("thins", 1.2)])
+def test_a_neck_that_is_stretched_and_breaks_is_adhesion_and_nothing_else(
+    shape: str, most: float
+) -> None:
+    """A fold that breaks the neck a sample late errs by the whole pull there, where it snaps."""
     answer = pulled(shape)
     assert answer["class"] == [["adhesion"]]
-    assert answer["error"]["after_over_floor"] < 1.2
+    assert answer["error"]["after_over_floor"] < most
+    error = answer["error"]["std_normalised"]
+    assert error["after"] < 0.3 * error["before"]  # it pulls in free air alone

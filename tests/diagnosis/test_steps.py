@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 BASE = base_of("kelvin-voigt")
 ANSWER: dict[str, Any] = {
     "verdict": "no_missing_effect",
+    "class": [],
     "base": {"parameters": {}},
     "error": {
         "on": "held-out blocks",

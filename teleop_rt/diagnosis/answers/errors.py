@@ -95,14 +95,29 @@ class Blocks:
         """Return the prediction; `noise` is the deviation that a perfect model would leave."""
         before = self.force(self.plain, self.base)
         after = before if best is self.base else self.force(self.problem, best)
-        where = held_out.counted(self.problem, self.base)
+        where = scored(self.problem, self.base, best, after)
         return HeldOut("held-out blocks", self.problem, before, after, where, noise)
+
+
+def scored(problem: Problem, base: Fit, best: Fit, after: Vector) -> Vector:
+    """Return the samples at which errors count: those of the base, and where the body acts in air.
+
+    An adhesion may pull in free air alone. `after` is the force that the `best` fit predicts.
+    """
+    where = held_out.counted(problem, base)
+    pulls = any(
+        effect.belongs_to == "environment"
+        and effect.acts == "adds_force"
+        and not effect.only_in_contact
+        for effect in best.model.effects
+    )
+    return np.where(after != 0.0, problem.whitener.mask, where) if pulls else where
 
 
 def on_record(fresh: Problem, base: Fit, best: Fit, noise: float) -> HeldOut:
     """Return the prediction of another recording."""
     before, after = (fit.elsewhere.force_on(fresh.motion) for fit in (base, best))
-    where = held_out.counted(fresh, base)
+    where = scored(fresh, base, best, after)
     return HeldOut("held-out record", fresh, before, after, where, noise)
 
 

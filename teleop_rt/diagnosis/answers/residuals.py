@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, on_record
+from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, on_record, scored
 from teleop_rt.diagnosis.inference.ranked import explains, family_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
@@ -55,9 +55,9 @@ def residuals_of(found: Diagnosis, units: tuple[str, str], drafted: Fit | None =
     """Return the residuals of a diagnosis; `drafted` takes the place of its best fit."""
     problem = found.problem
     later = drafted or (found.best if found.judgement.sets else None)
-    where = held_out.counted(problem, found.base)
     before = found.base.force_on(problem.motion)
     after = None if later is None else later.force_on(problem.motion)
+    where = scored(problem, found.base, later or found.base, before if after is None else after)
     return _residuals(problem, where, before, after, units)
 
 

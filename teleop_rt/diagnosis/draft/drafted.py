@@ -61,13 +61,19 @@ class Drafted:
     def predicted(self, test: Recording, surface: float | None = None) -> HeldOut:
         """Return the prediction of another recording by the base alone, and with the law."""
         base = self.found.predicting or self.found.base
-        return predict_recording(test, base, self.fit, self.found.problem, surface)
+        unseen = predict_recording(test, base, self.fit, self.found.problem, surface)
+        return self._where_drafted(unseen)
 
     def errors_on_blocks(self) -> dict[str, Any]:
         """Return the errors on held-out blocks, with which the terms of the law were chosen."""
         problem, base = self.found.problem, self.found.base
         noise = self.found.noise_levels(self.fit).perfect()
-        return Blocks(problem, problem, base).predicted(self.fit, noise).errors
+        unseen = Blocks(problem, problem, base).predicted(self.fit, noise)
+        return self._where_drafted(unseen).errors
+
+    def _where_drafted(self, unseen: HeldOut) -> HeldOut:
+        """Return the prediction of the samples of the base, whose residual the law describes."""
+        return replace(unseen, where=held_out.counted(unseen.problem, self.found.base))
 
     def entry(self, test: Recording | None, surface: float | None = None) -> dict[str, Any]:
         """Return the answer's `draft`: file, what it depends on, the law, and errors with it."""
