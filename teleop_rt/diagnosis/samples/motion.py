@@ -15,7 +15,7 @@ from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.rows import quantisation_step, robust_deviation, stretches
 
 SMOOTHING_ORDER = 5  # of the local polynomial: a mass is off by 0.3 %, by 8 % at order 3
-MOST_REMEMBERED = 15_000_000  # values (120 MB) of rows that are kept for the next fit
+MOST_REMEMBERED = 1_000_000  # values (8 MB) of rows kept for the next fit; more saves no time
 _STRIDE_OCTAVES = 6  # strides between samples, each twice the last, that are compared
 _LONGEST_STRIDE_S = 0.011  # s; over longer strides differences show the motion
 _MOTION_GROWTH = 16.0  # of differences per doubled stride; those of motion grow 32 times
