@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
     DOUBT_WEIGHT,
@@ -29,7 +29,6 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.models.simulate import first_order
 from teleop_rt.diagnosis.noise.structure import tangent_space
-from teleop_rt.diagnosis.noise.whiten import Matrix
 
 _FORM_SIZES = (0.03, 0.1, 0.3)
 """Force that the form of a law misses, as shares of the law's own, the likeliest of which counts:

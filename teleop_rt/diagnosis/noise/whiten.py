@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.noise import slow
 from teleop_rt.diagnosis.noise.colours import Spectrum, density_of
 
-Matrix = NDArray[np.float64]
 Places = NDArray[np.intp]
 BAND_HZ = 250.0  # Hz; motions of hand and rig, and what they excite, lie below
 _LINE_POWER_RATIO = 5.0  # times the typical power of a bin; a larger power is a line, no noise
