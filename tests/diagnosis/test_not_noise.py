@@ -142,6 +142,18 @@ def test_a_few_kicks_of_a_limiter_are_no_row_of_pulses(seed: int) -> None:
     assert _judged(_recorded(_swung(), kicks, seed))[0] == "no_missing_effect"
 
 
+@pytest.mark.parametrize("hidden", [True, False])
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_what_no_effect_explains_is_missing_unless_noise_hides_it(seed: int, hidden: bool) -> None:
+    x, v = _stepped(seed)
+    pitch_m = 3.6e-4 if seed == 4 else 6e-4
+    two_screws = np.sin(2.0 * np.pi * x / pitch_m) + np.sin(2.0 * np.pi * x / (0.385 * pitch_m) + 1)
+    size = 0.1 if hidden else 0.5
+    verdict, notes = _judged(_recorded((x, v), size * NOISE_N * two_screws, seed))
+    assert (verdict == "no_missing_effect") is hidden
+    assert ("hides in the noise" in notes) is hidden
+
+
 def _red(seed: int) -> Row:
     noise = np.random.default_rng(seed).standard_normal(_T.size)
     for i in range(1, noise.size):
