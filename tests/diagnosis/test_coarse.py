@@ -11,13 +11,12 @@ from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates, coarsened
 from teleop_rt.diagnosis.inference.pairs import coarse_pairs
 from teleop_rt.diagnosis.inference.screening import screen
-from teleop_rt.diagnosis.inference.search import coarse_singles, fit_base, search_singles
+from teleop_rt.diagnosis.inference.search import fit_base, search_singles
 from teleop_rt.diagnosis.inference.starts import Start
 from teleop_rt.diagnosis.inference.swings import swings
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
-from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
 
@@ -101,31 +100,6 @@ def test_the_gain_of_a_contact_shift_is_kept_while_its_jumps_are_resolved() -> N
     )
     for law, gain in fine.items():
         assert slow.get(law, 0.0) == pytest.approx(gain, rel=0.1, abs=0.03 * max(fine.values()))
-
-
-def test_the_coarse_search_finds_a_law_near_its_optimum() -> None:
-    problem, fit = posed(1000.0, 9999)
-    seen, found = coarse_singles(problem, fit, FEW, 3)[0], search_singles(problem, fit, FEW)[0]
-    assert seen.names == found.names == ("nonlinear_stiffening",)
-    there = problem.solve(seen.model, seen.zeta, seen.theta)
-    assert there.chi2 - found.chi2 < 1e-3 * (fit.chi2 - found.chi2)
-
-
-def test_the_coarse_search_includes_a_past_before_the_recording() -> None:
-    samples, begun = 13000, 3000
-    t = np.arange(samples) * 1e-3
-    x = 0.006 + 0.003 * np.sin(2 * np.pi * 0.7 * t) + 0.002 * np.sin(2 * np.pi * 1.9 * t)
-    v, still = np.gradient(x, t), np.zeros(samples)
-    arm = find("stress_relaxation", "one arm")
-    held = np.where(t < 2.0, 0.0, x)
-    relaxing = run_step(arm, held, still, still, t, 1e-3, np.array([6.0, 0.0]))
-    noise = NOISE_N * np.random.default_rng(9).standard_normal(samples)
-    force = (900.0 * x + 15.0 * v + 1500.0 * relaxing + noise)[begun:]
-    base = base_of("kelvin-voigt")
-    recording = from_arrays("held", t[begun:] - t[begun], x[begun:], force)
-    problem = problem_of(recording, base, 0.0)
-    seen = coarse_singles(problem, fit_base(problem, base), (arm,), 3)
-    assert seen[0].model.past
 
 
 def test_the_coarse_search_finds_a_pair_near_its_optimum() -> None:

@@ -11,7 +11,7 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.criteria import HIGHEST_PROBABILITY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.explanation import likelihoods
-from teleop_rt.diagnosis.inference.ranked import Ranked, adequate
+from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.second import takes_nearly_all
 from teleop_rt.diagnosis.inference.verdict import Judgement, judge
 from teleop_rt.diagnosis.models.base import base_of
@@ -178,17 +178,6 @@ def test_what_an_encoder_makes_of_a_mass_or_a_spring_does_not_speak_against_it(
     record = make(seed, (effect,), material, "sinusoid", size, noise)
     recording = from_arrays("tone", record.t, record.position, record.force)
     assert [effect] in diagnose(recording, record.base, surface=0.0).answer["class"]
-
-
-def test_what_a_set_makes_of_the_encoders_errors_may_be_left_by_it() -> None:
-    """A tool's mass passes more of them on than the base does, which knows no mass."""
-    excess, left = 6800.0, LackOfFit(417.0, RANK)
-    heavy = Ranked(fitted(VALUES, "tool_inertia"), 6400.0, 6390.0, left)
-    assert not adequate(heavy, excess, 6400.0, floor=2.0)
-    passing = replace(heavy, encoder_energy_of_effects=255.0)
-    assert adequate(passing, excess, 6400.0, floor=2.0)
-    # A set that gains no more than it passes on says nothing.
-    assert not adequate(replace(passing, gain=900.0), excess, 900.0, floor=2.0)
 
 
 def test_a_class_states_how_likely_each_of_its_effects_is() -> None:

@@ -29,10 +29,9 @@ class Ranked:
     form of the law produces.
 
     Energies [chi-square]: `encoder_energy_along` is that of encoder errors in the directions that
-    the set adds to the base; `encoder_energy_of_effects` that of the errors which the effects alone
-    pass to the structure; `encoder_misfits` those of the errors outside the fit, one per draw (only
-    the best fits have them); `noise_per_direction` that of noise in each added direction, None for
-    a set whose shape was searched.
+    the set adds to the base; `encoder_misfits` those of the errors outside the fit, one per draw
+    (only the best fits have them); `noise_per_direction` that of noise in each added direction,
+    None for a set whose shape was searched.
     """
 
     fit: Fit
@@ -42,7 +41,6 @@ class Ranked:
     air_mismatch: float = 0.0
     lacks_named_property: bool = False
     encoder_energy_along: float = inf
-    encoder_energy_of_effects: float = 0.0
     encoder_misfits: tuple[float, ...] = ()
     tone_or_air_force: bool = False
     noise_per_direction: float | None = None
@@ -66,7 +64,7 @@ def explains(ranked: Ranked, excess: float, slack: float = 0.0) -> float:
 
 def slack_of(ranked: Ranked, floor: float) -> float:
     """Return the residual energy of a set that chance and encoder errors (`floor`) account for."""
-    return SIGMAS / 2.0 * ranked.left.deviation + max(floor, encoder_slack(ranked))
+    return SIGMAS / 2.0 * ranked.left.deviation + floor
 
 
 def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
@@ -79,15 +77,6 @@ def adequate(ranked: Ranked, excess: float, most: float, floor: float) -> bool:
     share = (1.0 - NAMED_SHARE) * excess
     left = max(ranked.left.excess, most - ranked.gain)
     return left <= share + slack_of(ranked, floor) and ranked.air_mismatch <= 1.0 - NAMED_SHARE
-
-
-def encoder_slack(ranked: Ranked) -> float:
-    """Return the part of a set's residual that its effects may have made of encoder errors.
-
-    It is 0 if the set gains no more than these errors.
-    """
-    likely = min(ranked.encoder_energy_of_effects, max(ranked.left.excess, 0.0))
-    return likely if ranked.gain > ENCODER_ENERGY_RATIO * ranked.encoder_energy_of_effects else 0.0
 
 
 def leaves_structure(left: LackOfFit, floor: float) -> bool:

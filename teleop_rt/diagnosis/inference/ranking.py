@@ -92,7 +92,6 @@ class Ranking:
             bool(lacks_named_property(self.problem, self.base, fit)),
             self._encoder_energy_along(fit, searched),
         )
-        made = self._encoder_energy_of_effects(fit, own) if left.excess > left.deviation else 0.0
         separate = shows_tone_or_air_force(self.problem, fit, self.errors[:_ENCODER_DRAWS])
         return Ranked(
             fit,
@@ -102,7 +101,6 @@ class Ranking:
             air_mismatch,
             bare,
             along,
-            made,
             tone_or_air_force=separate,
             noise_per_direction=self._noise_per_direction(fit, own, left),
         )
@@ -144,27 +142,11 @@ class Ranking:
         )
         return max(float(along / usual), 1.0)
 
-    def _encoder_energy_of_effects(self, fit: Fit, own: Matrix) -> float:
-        """Return the energy in the structure of encoder errors that pass through the effects alone.
-
-        Errors through the base are subtracted: `floor` contains them already. `own` is the fit's
-        tangent space.
-        """
-        few = self.errors[:_ENCODER_DRAWS]
-        plain = replace(fit.model, effects=(), past=False)
-        theta, zeta = fit.theta[: len(plain.linear)], fit.zeta[: len(plain.coordinates)]
-        alone = replace(fit, model=plain, theta=theta, zeta=zeta)
-        rows = errors_without_jumps(self.problem, fit, few)
-        rows -= errors_without_jumps(self.problem, alone, few)
-        return self._structure_energy(rows, own)
-
     def with_errors(self, ranked: list[Ranked], least: float) -> list[Ranked]:
         """Return the fits; those near the best chi-square get their `encoder_misfits`."""
 
         def near(one: Ranked) -> bool:
-            return one.fit.chi2 < least + _CLASS_CHI2 + _FAR_ABOVE_ENCODER * max(
-                one.encoder_energy_of_effects, self.floor
-            )
+            return one.fit.chi2 < least + _CLASS_CHI2 + _FAR_ABOVE_ENCODER * self.floor
 
         return [
             replace(r, encoder_misfits=self._encoder_misfits(r.fit)) if near(r) else r

@@ -96,20 +96,6 @@ def search_singles(problem: Problem, base: Fit, effects: tuple[Effect, ...]) -> 
     return _with_other_clamps_and_pasts(problem, base, best_by_name(fits), laws)
 
 
-def coarse_singles(
-    problem: Problem, base: Fit, effects: tuple[Effect, ...], most: int
-) -> list[Fit]:
-    """Return the `most` promising single-effect models, fitted at a lower rate.
-
-    They are close to the optimum, which suffices for a noise estimate and a later refinement.
-    """
-    lower = at_lower_rates(problem)
-    near, there = lower[0].around(problem, base)
-    laws = _promising(near, there, screen_coarsely(problem, lower, base, effects), effects)
-    fits = best_by_name(laws)[:_RECLAMPED]
-    return _with_other_clamps_and_pasts(near, there, fits, laws)[:most]
-
-
 def _with_other_clamps_and_pasts(
     problem: Problem, base: Fit, fits: list[Fit], laws: list[Fit]
 ) -> list[Fit]:

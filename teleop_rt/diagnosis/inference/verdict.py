@@ -21,7 +21,6 @@ from teleop_rt.diagnosis.inference.ranked import (
     Ranked,
     adequate,
     certain,
-    encoder_slack,
     excess_of,
     explains,
     family_of,
@@ -115,8 +114,7 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 
     If even the closest candidate leaves structure, a law with more shape parameters gains by
     adapting to it. Chi-square is therefore divided by the misfit per degree of freedom
-    (quasi-likelihood), which ranks the simpler law first. Encoder errors that a set passes to the
-    force are no misfit of its law.
+    (quasi-likelihood), which ranks the simpler law first.
     """
     if not candidates:
         return []
@@ -125,7 +123,7 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 
     def merit(ranked: Ranked) -> float:
         penalty = ranked.fit.bic - ranked.fit.chi2
-        return (ranked.fit.chi2 - encoder_slack(ranked)) / dispersion + penalty
+        return ranked.fit.chi2 / dispersion + penalty
 
     return sorted(candidates, key=merit)
 

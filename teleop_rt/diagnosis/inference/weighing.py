@@ -14,8 +14,6 @@ from teleop_rt.diagnosis.inference.pairs import coarse_pairs
 from teleop_rt.diagnosis.inference.polishing import polished
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
-    coarse_singles,
-    fit_base,
     search_singles,
 )
 from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound
@@ -37,17 +35,10 @@ def weigh_singles(
     """Return the problem with its final noise, the base and the single effects weighed by it.
 
     `fast` is the problem with white noise at the level of the recording's fastest noise. If the
-    estimated noise is red, it may contain an effect that no candidate explained. Effects and pairs
-    are then searched with white noise as well, and the likeliest candidate determines the noise.
+    estimated noise is red, it may contain an effect that no candidate explained. Pairs are then
+    searched with white noise as well, and the likeliest candidate determines the noise.
     """
-    singles, white_fits = search_singles(problem, alone, library), list[Fit]()
-    if _looks_red(problem, fast):
-        white_fits = coarse_singles(
-            fast, fit_base(fast, alone.model.base, alone), library, _WHITE_FITS
-        )
-        singles = best_by_name(
-            [*singles, *(problem.solve(f.model, f.zeta, f.theta) for f in white_fits)]
-        )
+    singles = search_singles(problem, alone, library)
     if not singles:
         return problem, alone, singles
     if at_wrong_bound(problem, singles[0]):
@@ -57,7 +48,7 @@ def weigh_singles(
         shifts = [fit.model.shift(fit.zeta) for fit in singles[:_NOISE_CANDIDATES]]
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     problem, fast = (without_impacts(one, singles) for one in (problem, fast))
-    problem, alone, singles = _with_settled_noise(problem, alone, singles, white_fits)
+    problem, alone, singles = _with_settled_noise(problem, alone, singles)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_WHITE_FITS])
         base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
@@ -67,7 +58,7 @@ def weigh_singles(
 
 
 def _with_settled_noise(
-    problem: Problem, alone: Fit, singles: list[Fit], white_fits: Sequence[Fit]
+    problem: Problem, alone: Fit, singles: list[Fit]
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Estimate the noise from the likeliest candidate's residual until its power stops falling.
 
@@ -76,7 +67,7 @@ def _with_settled_noise(
     """
     for _ in range(_NOISE_ROUNDS):
         before = float(np.mean(problem.whitener.density))
-        problem, alone, singles = _with_better_noise(problem, alone, singles, white_fits)
+        problem, alone, singles = _with_better_noise(problem, alone, singles)
         if float(np.mean(problem.whitener.density)) > _FALLING_POWER_RATIO * before:
             break
         fresh = noise_from(problem, singles[0])
@@ -107,15 +98,14 @@ def _with_own_parameters(problem: Problem, fit: Fit) -> Fit:
 
 
 def _with_better_noise(
-    problem: Problem, base: Fit, singles: list[Fit], others: Sequence[Fit]
+    problem: Problem, base: Fit, singles: list[Fit], pairs: Sequence[Fit] = ()
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Return problem, base and single effects with the noise of the likeliest candidate.
 
-    Each candidate's likelihood uses the noise from its own residual. Pairs among the `others` only
-    provide that noise. A single effect among them also becomes a candidate with its present
-    parameters: noise that contains its force would lead a new search to other ones.
+    Each candidate's likelihood uses the noise from its own residual. The `pairs` only provide that
+    noise.
     """
-    found = [_with_own_parameters(problem, fit) for fit in others]
+    found = [_with_own_parameters(problem, fit) for fit in pairs]
     tried = [base, *singles[:_NOISE_CANDIDATES], *found]
     whiteners = [noise_from(problem, fit) for fit in tried]
 
@@ -127,10 +117,7 @@ def _with_better_noise(
     best = min(range(len(tried)), key=score)
     problem = replace(problem, whitener=whiteners[best])
     base = polished(problem, problem.refine(base.model, base.zeta, 6))
-    likely = singles[:_NOISE_CANDIDATES]
-    if best >= len(tried) - len(found) and len(tried[best].names) == 1:
-        likely.append(tried[best])
-    again = [problem.refine(fit.model, fit.zeta, 6) for fit in likely]
+    again = [problem.refine(fit.model, fit.zeta, 6) for fit in singles[:_NOISE_CANDIDATES]]
     least = min(fit.chi2 for fit in again)
     near = least + _POLISHED_SHARE * (base.chi2 - least)
     again = [polished(problem, fit) if fit.chi2 < near else fit for fit in again]
