@@ -33,6 +33,33 @@ def _bouc_wen(
 
 
 @kernel
+def _bouc_wen_from_zero(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance z' = v/d (1 - |z|^n (1 - u + (1 + u) sgn(v z))/2), from 0 at each contact.
+
+    eta: d, n, and u = beta - gamma (Bouc and Wen): 0 unloads along a line, 1 is Dahl's model.
+    state: z, then 1 in contact.
+    """
+    if not touches(x):
+        state[0] = state[1] = 0.0
+        return 0.0
+    moved = v * dt if state[1] > 0.0 else x  # of the first step only the part in contact
+    state[1] = 1.0
+    steps = 1 + int(min(abs(moved) / (0.2 * eta[0]), 20.0))
+    h = moved / (eta[0] * steps)
+    for _ in range(steps):
+        middle = state[0] + 0.5 * h * _slope(state[0], h, eta)
+        state[0] = min(max(state[0] + h * _slope(middle, h, eta), -1.0), 1.0)
+    return float(state[0])
+
+
+@kernel
+def _slope(z: float, h: float, eta: Vector) -> float:
+    return float(1.0 + (-1.0 if h * z > 0.0 else eta[2]) * abs(z) ** eta[1])
+
+
+@kernel
 def _bouc_wen_with_depth(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -147,6 +174,7 @@ _YIELD = Shape(
 )
 _SPREAD = Shape("spread", "1", 1.5, 60.0, 10.0, logarithmic=True, points=2)
 _SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2, ideal="upper")
+_UNLOADING = Shape("unloading", "1", -0.5, 1.0, 0.3, points=2)
 _AS_FRICTION = (
     "A hysteretic force of {yield_force}, as of dry friction in contact alone, turns over"
     " within {yield_travel}."
@@ -165,6 +193,17 @@ EFFECTS = (
         sentence=_AS_FRICTION,
         state_size=1,
         derivative_order=1,
+    ),
+    _memory(
+        name="hysteresis",
+        law="from zero at each contact",
+        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
+        shapes=(_YIELD, _SHARPNESS, _UNLOADING),
+        step=_bouc_wen_from_zero,
+        sentence=_AS_FRICTION,
+        state_size=2,
+        derivative_order=1,
+        extends="plain",
     ),
     _memory(
         name="hysteresis",
