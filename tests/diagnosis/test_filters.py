@@ -13,7 +13,7 @@ from scipy import fft, interpolate, ndimage, signal
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.least_squares import solution, within_bounds
 from teleop_rt.diagnosis.models.simulate import first_order
-from teleop_rt.diagnosis.recordings.resampling import Grid, bends, on_spline, resampled
+from teleop_rt.diagnosis.recordings.resampling import SampleTimes, bends, on_spline, resampled
 from teleop_rt.diagnosis.samples.filters import (
     butterworth,
     fast_length,
@@ -131,6 +131,6 @@ def test_a_diagnosis_loads_no_scipy() -> None:
 def test_a_long_row_is_resampled_by_the_same_spline_where_its_pieces_meet() -> None:
     t = np.cumsum(0.8 + 0.4 * np.random.default_rng(7).random(250_000))
     row = np.sin(0.2 * t)
-    grid = Grid(float(t[0]), 1.0, int(t[-1] - t[0]))
+    grid = SampleTimes(float(t[0]), 1.0, int(t[-1] - t[0]))
     expected = interpolate.CubicSpline(t, row, bc_type="natural")(grid.part(slice(0, grid.size)))
     assert resampled(grid, t, row) == pytest.approx(expected, abs=1e-9)

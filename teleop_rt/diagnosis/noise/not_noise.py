@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import explained
-from teleop_rt.diagnosis.models.predict import force_of
 from teleop_rt.diagnosis.noise.encoder import converter_errors, force_errors
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
@@ -62,7 +61,7 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     (`errors`, at least one) and converter through the fit.
     """
     used = problem.whitener.mask > 0.0
-    residual = problem.force - force_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    residual = problem.residual(fit)
     seen = _signature(residual, problem.motion, used)
     drawn = [_signature(row, problem.motion, used) for row in _draws(problem, fit, errors)]
     repeats, levels, skew, flatness, follows = (

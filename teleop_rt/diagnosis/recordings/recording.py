@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
-from teleop_rt.diagnosis.recordings.resampling import GAP, Grid, covered, resampled
+from teleop_rt.diagnosis.recordings.resampling import GAP, SampleTimes, covered, resampled
 from teleop_rt.diagnosis.recordings.table_files import read_table
 from teleop_rt.diagnosis.recordings.usable import (
     period_of,
@@ -184,7 +184,7 @@ def from_columns(
     dt = period_of(name, columns["time"], slowest_hz)
     refuse_nothing_to_learn(name, columns["position"], columns["force"])
     t, dt = _clock(columns.pop("time"), dt, columns["position"])
-    grid = Grid(float(t[0]), dt, round(float(t[-1] - t[0]) / dt) + 1)
+    grid = SampleTimes(float(t[0]), dt, round(float(t[-1] - t[0]) / dt) + 1)
     mask = covered(grid, t)
     if float(np.mean(mask)) < 0.5:
         raise RecordingError(

@@ -19,7 +19,7 @@ _ON_GRID = 1e-6
 """Share of a period within which samples lie where they should."""
 
 
-class Grid(NamedTuple):
+class SampleTimes(NamedTuple):
     """Even times: the first [s], the period [s], and how many."""
 
     first: float
@@ -31,7 +31,7 @@ class Grid(NamedTuple):
         return self.first + self.period * np.arange(of.start, of.stop)
 
 
-def resampled(grid: Grid, t: Vector, row: Vector) -> Vector:
+def resampled(grid: SampleTimes, t: Vector, row: Vector) -> Vector:
     """Return `row`, sampled at `t`, on the grid, unchanged where its samples lie there.
 
     By a cubic where the samples are close: a line cuts what bends between them, and makes of it a
@@ -50,14 +50,14 @@ def resampled(grid: Grid, t: Vector, row: Vector) -> Vector:
     return found
 
 
-def _lies_on(grid: Grid, t: Vector, within: float) -> bool:
+def _lies_on(grid: SampleTimes, t: Vector, within: float) -> bool:
     """Return whether the times are those of the grid."""
     return t.size == grid.size and all(
         float(np.max(np.abs(t[part] - grid.part(part)))) < within for part in pieces(t.size)
     )
 
 
-def covered(grid: Grid, t: Vector) -> Vector:
+def covered(grid: SampleTimes, t: Vector) -> Vector:
     """Return 1 where a sample lies within `GAP` - 1 periods of the grid point, else 0."""
     found = np.empty(grid.size)
     for part in pieces(grid.size):
