@@ -44,6 +44,7 @@ WRITES_NOTHING = {
     "reload",
     "status",
     "doctor",
+    "effects",
     "make-safe",
 }
 KEEPS_THE_OLD = {"calibrate"}  # beside what --write changes: tests/drivers/test_calibration.py
