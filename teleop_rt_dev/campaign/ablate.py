@@ -100,6 +100,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "surface at the onset": ("inference.search:_reshaped", always([])),
     "other surfaces": ("inference.screening:_at_surfaces", lambda *given: given[3]),
     "other depths": ("inference.search:_at_other_depths", always([])),
+    "surface between samples": ("inference.polishing:_between_samples", second),
     "steps among jumps": ("inference.polishing:polished", second),
     "exchanged partners": ("inference.pairs:exchanged", always([])),
     "other laws of a pair": ("inference.pairs:by_other_laws", always([])),

@@ -6,11 +6,13 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.inference.composed import with_surface
+from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds
 
 _STEPS = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # of a parameter's range, tried in this order
 _MOST_STEPS = 8  # in one direction, each as long as the last one or twice as long
+_SURFACE_GAPS = 6  # gaps between samples tried on either side of the surface
 _MOST_PATTERNS = 6  # rounds of steps along the valley of surface and effect
 _LEAST_ROUND_GAIN = 0.03  # of chi-square; a round that lowers it less is the last
 
@@ -37,6 +39,8 @@ def polished(problem: Problem, fit: Fit) -> Fit:
 
 def _stepped(problem: Problem, fit: Fit) -> Fit:
     """Return the fit after steps of each parameter that moves a contact."""
+    if fit.model.base.finds_surface:
+        fit = _between_samples(problem, fit)
     for place, coordinate in enumerate(fit.model.coordinates):
         if not fit.model.moves_contact(coordinate):
             continue
@@ -50,6 +54,24 @@ def _stepped(problem: Problem, fit: Fit) -> Fit:
                 there = with_surface(problem, fit, fit.model, fit.zeta + along)
                 fit = _line_search(problem, fit, there - fit.zeta, 1.0)
     return fit
+
+
+def _between_samples(problem: Problem, fit: Fit) -> Fit:
+    """Return the fit with the surface in the best of the nearest gaps between two samples.
+
+    The force jumps whenever the surface passes a sample, and is smooth within a gap. A gap may be
+    narrower than any of `_STEPS`.
+    """
+    shift = fit.model.shift(fit.zeta)
+    depth = Course.of(fit.model, problem.motion, fit.zeta).moved.x
+    near = np.unique(depth[problem.whitener.mask > 0.0])
+    here = int(np.searchsorted(near, 0.0))
+    around = near[max(here - _SURFACE_GAPS, 0) : here + _SURFACE_GAPS]
+    best = fit
+    for middle in 0.5 * (around[1:] + around[:-1]):
+        zeta = fit.model.shifted(fit.zeta, shift - middle)
+        best = min(best, problem.solve(fit.model, zeta, fit.theta), key=lambda f: f.chi2)
+    return best
 
 
 def _extrapolated(problem: Problem, fit: Fit, way: Vector) -> Fit:
