@@ -46,7 +46,7 @@ SAME_SHARE = 0.005
 UNKNOWN_DIRECTIONS = 40.0
 """Independent values of the unknown remainder; 20 to 70 give equal verdicts on synthetic data."""
 EFFECT_COST = 15.0
-"""-2 log prior of one more effect of about 27, and Occam's factor of its parameters."""
+"""-2 log prior of one more effect of about 30, and Occam's factor of its parameters."""
 LEAST_GAIN = 0.04
 """Share of the energy on inner blocks that one more effect must explain: 2 % of the error."""
 LEAST_SHARE = 0.2

@@ -56,6 +56,7 @@ def _bouc_wen_from_zero(
 
 @kernel
 def _slope(z: float, h: float, eta: Vector) -> float:
+    """Return z' d/v on the way of a step h [1]; eta as of `_bouc_wen_from_zero`."""
     return float(1.0 + (-1.0 if h * z > 0.0 else eta[2]) * abs(z) ** eta[1])
 
 
