@@ -7,6 +7,7 @@ import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt_dev.diagnosis.foreign_plants import foreign
 
 
 def _steps(seed: int, dt_s: float, samples: int) -> np.ndarray:
@@ -34,3 +35,10 @@ def _recorded(seed: int, dt_s: float) -> Recording:
 def test_a_velocity_by_differences_is_no_effect(seed: int) -> None:
     answer = diagnose(_recorded(seed, 0.01), "spring,viscous,bias").answer
     assert answer["verdict"] == "no_missing_effect"
+
+
+def test_a_surface_between_two_samples_leaves_nothing_for_a_surface_that_moves() -> None:
+    """Presses of a hand in red noise: from the wrong gap, a moving surface was named."""
+    record = foreign(1597303996)
+    recording = from_arrays("hand", record.t, record.position, record.force, units=record.units)
+    assert diagnose(recording, record.base).answer["verdict"] == "no_missing_effect"
