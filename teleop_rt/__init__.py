@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from teleop_rt.api.model import ExtendedModel, predict, read_model
     from teleop_rt.api.source import from_arrays, read
     from teleop_rt.api.values import Parameter
-    from teleop_rt.diagnosis.recordings.recording import Recording
     from teleop_rt.errors import ExpectedError
+    from teleop_rt.recordings.recording import Recording
 
 __version__ = "0.3.0.dev0"
 
@@ -46,7 +46,7 @@ _PLACES = {
     "teleop_rt.api.model": ("ExtendedModel", "predict", "read_model"),
     "teleop_rt.api.source": ("from_arrays", "read"),
     "teleop_rt.api.values": ("Parameter",),
-    "teleop_rt.diagnosis.recordings.recording": ("Recording",),
+    "teleop_rt.recordings.recording": ("Recording",),
     "teleop_rt.errors": ("ExpectedError",),
 }
 _PLACE_OF = {name: module for module, names in _PLACES.items() for name in names}

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.offline.exchanged import exchanged
+from teleop_rt.recordings.recording import from_arrays
 
 DATA = Path(os.environ.get("TELEOP_RT_DATA", "/nowhere"))
 TIME_S = np.arange(0.0, 10.0, 0.002)

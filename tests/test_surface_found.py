@@ -9,13 +9,13 @@ recording's air may drift, rub and swing with the tool, and its noise is not dec
 import numpy as np
 import pytest
 
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.onset import onset
-from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt.diagnosis.samples.surface import surface_of
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.estimation.settings import PipelineSettings
+from teleop_rt.recordings.recording import from_arrays
+from teleop_rt.recordings.rows import force_noise
 from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
 NOISE_N, DT_S = 0.05, 1e-3

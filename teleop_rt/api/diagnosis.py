@@ -14,9 +14,9 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.diagnose import diagnose as diagnose_recording
 from teleop_rt.diagnosis.inference.rounds import Diagnosis as Found
-from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.outputs import refuse_file, refuse_unwritable
+from teleop_rt.recordings.recording import Recording, refuse_other_units
 from teleop_rt.trial.folder import recording_of
 
 Test = Source | None

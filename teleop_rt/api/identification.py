@@ -12,11 +12,11 @@ import numpy as np
 from teleop_rt.api.source import Source
 from teleop_rt.api.values import Parameter, named, number, table
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.errors import ExpectedError
 from teleop_rt.estimation.trace import Trace
 from teleop_rt.offline.replay import Choice, online_of, online_of_recording, run_estimators
 from teleop_rt.offline.table import Table
+from teleop_rt.recordings.recording import Recording
 from teleop_rt.trial.folder import recording_of
 
 Names = str | Sequence[str] | None

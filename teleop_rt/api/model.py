@@ -17,10 +17,10 @@ from teleop_rt.contact.fitted import ExtendedModelError, FittedEffect, fitted_ef
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel, Clamp, nonlinear_amplitude, phases
 from teleop_rt.diagnosis.models.predict import force_of
-from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.diagnosis.samples.outliers import OUTLIERS
 from teleop_rt.diagnosis.samples.preparation import problem_of
-from teleop_rt.diagnosis.samples.rows import OUTLIERS
 from teleop_rt.diagnosis.samples.surface import surface_of
+from teleop_rt.recordings.recording import Recording
 
 Fitted = tuple[FittedEffect, ...]
 Clamped = bool | Literal["with effects", "without damping"]

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings import recording as checked
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.surface import refuse_turned, refuse_wrong_units
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
+from teleop_rt.recordings import recording as checked
+from teleop_rt.recordings.recording import Recording
 from teleop_rt.trial.folder import recording_of
 
 File = str | PathLike[str]

@@ -258,7 +258,7 @@ def _surface(text: str) -> float | None:
     if number is None:
         raise RecordingError(f"--surface {text}: write auto, or a position such as 0.01 or 10mm")
     unit = text[number.end() :].strip()
-    from teleop_rt.diagnosis.recordings.units import factor_of  # noqa: PLC0415 - loads numpy
+    from teleop_rt.recordings.units import factor_of  # noqa: PLC0415 - loads numpy
 
     try:
         return float(number[0]) * (factor_of("surface", unit) if unit else 1.0)

@@ -10,8 +10,8 @@ from teleop_rt.config import PlantConfig
 from teleop_rt.config_rig import AxisConfig
 from teleop_rt.config_schema import Parts, schema_of, schema_of_rig, schema_of_trial
 from teleop_rt.diagnosis.answers.answer_keys import Answer, Problem
-from teleop_rt.diagnosis.recordings.columns_file import ColumnsFile
 from teleop_rt.json_schema import schema_of_json
+from teleop_rt.recordings.columns_file import ColumnsFile
 from teleop_rt.trial.summary_keys import Summary
 from teleop_rt_drivers.framed.format import BinaryFormat, TextFormat
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS

@@ -29,13 +29,13 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import pressed_all_along
 from teleop_rt.diagnosis.phases import enter
-from teleop_rt.diagnosis.recordings.excerpt import most_active
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import resolution_step
+from teleop_rt.diagnosis.samples.outliers import OUTLIERS
 from teleop_rt.diagnosis.samples.preparation import lone_samples, pose_again
-from teleop_rt.diagnosis.samples.rows import OUTLIERS
 from teleop_rt.diagnosis.samples.smoothing import moves_in_steps
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
+from teleop_rt.recordings.excerpt import most_active
+from teleop_rt.recordings.recording import Recording
 
 
 def diagnose(

@@ -15,8 +15,8 @@ from teleop_rt.diagnosis.diagnose import predicted_on
 from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.recordings.recording import Recording
 
 _WORSE = 2.0
 """Ratio of a set's error on the other recording to the best one's, from which it is dropped."""

@@ -12,7 +12,6 @@ from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.residuals import Residuals, residuals_of, residuals_on
 from teleop_rt.diagnosis.diagnose import diagnose, predicted_on
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.recordings.recording import Recording, refuse_other_units
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline
@@ -24,6 +23,7 @@ from teleop_rt.offline.replay import Choice, online_of
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.withdrawal import keep_or_withdraw
 from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.recordings.recording import Recording, refuse_other_units
 
 KEPT = (
     *("base", "verdict", "effects", "class", "family"),

@@ -8,7 +8,7 @@ from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.draft.declaration import FILE
 from teleop_rt.diagnosis.draft.drafted import Drafted, drafted
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.recordings.recording import Recording
 
 PICTURE = "draft_effect.png"
 _OPEN = ("partial", "unexplained")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 

@@ -13,14 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.fitted import ExtendedModelError
-from teleop_rt.diagnosis.recordings.layout import layout_of
-from teleop_rt.diagnosis.recordings.recording import (
-    Recording,
-    from_columns,
-    last_known,
-    load,
-    without_lag,
-)
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.extension import Extension, extension_from
 from teleop_rt.estimation.pipeline import PipelineSettings
@@ -30,6 +22,14 @@ from teleop_rt.offline.table import Table
 from teleop_rt.realtime.mcap_records import ends_whole
 from teleop_rt.realtime.reading import read_metadata, read_topics
 from teleop_rt.realtime.recording import ONLINE
+from teleop_rt.recordings.layout import layout_of
+from teleop_rt.recordings.recording import (
+    Recording,
+    from_columns,
+    last_known,
+    load,
+    without_lag,
+)
 
 Array = NDArray[np.float64]
 

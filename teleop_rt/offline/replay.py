@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.models import MODELS
-from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.rows import force_noise, quantisation_step
 from teleop_rt.diagnosis.samples.surface import (
     doubtful_unit,
     refuse_turned,
@@ -28,6 +26,8 @@ from teleop_rt.offline.load import Online, load_any, load_online
 from teleop_rt.offline.table import Table
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.scheduling import give_back_compiler
+from teleop_rt.recordings.recording import Recording
+from teleop_rt.recordings.rows import force_noise, quantisation_step
 
 ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
 """Force that is contact, and that no longer is, in deviations of the force's noise."""

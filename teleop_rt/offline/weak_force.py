@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.recordings.recording import Recording
 
 _WEAKEST_N = 0.1
 """Range of a force in N below which its unit is doubted: tissue under a finger gives ten times it,

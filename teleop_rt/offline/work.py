@@ -11,8 +11,6 @@ from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
-from teleop_rt.diagnosis.recordings.excerpt import most_active
-from teleop_rt.diagnosis.recordings.recording import refuse_other_units
 from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.exchanged import exchanged
@@ -23,6 +21,8 @@ from teleop_rt.offline.table import Table
 from teleop_rt.offline.weak_force import weak_force
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.scheduling import give_back_compiler
+from teleop_rt.recordings.excerpt import most_active
+from teleop_rt.recordings.recording import refuse_other_units
 from teleop_rt.trial.folder import recording_of
 
 

@@ -26,7 +26,7 @@ from teleop_rt.realtime.mcap_records import (
 )
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import LARGEST_SEQUENCE
-from teleop_rt.recording_memory import most_bytes, refuse_more
+from teleop_rt.recordings.memory import most_bytes, refuse_more
 
 _IDS_PER_PART = 1 << 16
 """Channels of one part of a recording, so that ids of parts do not meet."""

@@ -119,8 +119,8 @@ def _steps(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
     if not slave or not np.any(slave["in_contact"] > 0):
         return []
     from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION  # noqa: PLC0415 - no daemon waits for it
-    from teleop_rt.diagnosis.recordings.usable import MIN_SAMPLES  # noqa: PLC0415 - as above
     from teleop_rt.diagnosis.samples.smoothing import moves_in_steps  # noqa: PLC0415 - as above
+    from teleop_rt.recordings.usable import MIN_SAMPLES  # noqa: PLC0415 - as above
 
     fresh = (slave["valid"] > 0) & (np.diff(slave["sample_stamp_ns"], prepend=-1.0) > 0)
     position = slave["position"][fresh]

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import motion_of
 from teleop_rt.diagnosis.samples.smoothing import half_window
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.bench.measure import Row, processor_seconds, row
 from teleop_rt_dev.diagnosis.peers_venv import answers_of_peers
 from teleop_rt_dev.diagnosis.plants import Record, make

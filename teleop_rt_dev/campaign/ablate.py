@@ -79,7 +79,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "samples beside gaps": ("samples.preparation:_beside_gaps", always(0.0)),
     "unknown history": ("samples.preparation:_unknown_history", always(0)),
     "contact lost in the body": ("samples.lost_contact:without_contact", always(0.0)),
-    "lone samples": ("samples.rows:outliers", lambda force, *_: np.zeros(force.size)),
+    "lone samples": ("samples.outliers:outliers", lambda force, *_: np.zeros(force.size)),
     "converter's steps": ("samples.converter:without_steps", first),
     "window by the spectrum": ("samples.smoothing:_quietest", lambda _, __, half, ___: half),
     "impacts of a play": ("samples.preparation:without_impacts", first),

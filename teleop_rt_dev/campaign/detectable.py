@@ -23,8 +23,8 @@ from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.simulate import run_step
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 from teleop_rt_dev.diagnosis.table import interval
 from teleop_rt_dev.parallel import in_order

@@ -24,8 +24,8 @@ from scipy.interpolate import CubicSpline
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.foreign_effects import NAMES as FOREIGN_NAMES
 from teleop_rt_dev.diagnosis.foreign_motions import NARROW
 from teleop_rt_dev.diagnosis.foreign_plants import Foreign, foreign, moved_again

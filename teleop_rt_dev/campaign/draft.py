@@ -24,7 +24,7 @@ import numpy as np
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.draft.drafted import drafted
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.motions import RATE_HZ, rich
 from teleop_rt_dev.diagnosis.plants import MATERIALS, make
 from teleop_rt_dev.parallel import in_order

@@ -30,9 +30,9 @@ from statistics import median
 from typing import Any, Literal
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.layout import Layout
-from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import ExpectedError
+from teleop_rt.recordings.layout import Layout
+from teleop_rt.recordings.recording import load
 from teleop_rt_dev.diagnosis.table import reliability_lines
 from teleop_rt_dev.parallel import in_order
 

@@ -33,9 +33,9 @@ import numpy as np
 import yaml
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.layout import Layout
-from teleop_rt.diagnosis.recordings.recording import Recording, load
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.layout import Layout
+from teleop_rt.recordings.recording import Recording, load
 from teleop_rt_dev.diagnosis.greedy_rival import fitted, sampled
 from teleop_rt_dev.diagnosis.table import interval
 from teleop_rt_dev.parallel import in_order

@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from teleop_rt.diagnosis.recordings.layout import Layout
-from teleop_rt.diagnosis.recordings.recording import Recording, load
 from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.table import Table
+from teleop_rt.recordings.layout import Layout
+from teleop_rt.recordings.recording import Recording, load
 from teleop_rt_dev.campaign.measured import KEYS, keyed
 
 HEAD = (

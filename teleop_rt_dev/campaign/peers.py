@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.diagnosis.recordings.layout import Layout
-from teleop_rt.diagnosis.recordings.recording import load
+from teleop_rt.recordings.layout import Layout
+from teleop_rt.recordings.recording import load
 from teleop_rt_dev.campaign.measured import ASIDE, keyed
 from teleop_rt_dev.campaign.measured import row as by_us
 from teleop_rt_dev.diagnosis.greedy_rival import (

@@ -6,7 +6,7 @@ import numpy as np
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 DT, NOISE_N = 2e-3, 0.02
 K_N_PER_M, B_NS_PER_M, SURFACE_M = 1500.0, 12.0, 0.05

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 DT, YIELD_N, TRAVEL_M, NOISE_N = 2e-3, 2.0, 6e-4, 0.03
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 
 @pytest.mark.parametrize(("recedes_m_per_s", "seed"), [(1e-4, 1), (-2e-4, 2), (2e-4, 3)])

@@ -9,8 +9,8 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 DEPTHS_M = (0.006, 0.012)

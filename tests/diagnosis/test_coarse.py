@@ -17,8 +17,8 @@ from teleop_rt.diagnosis.inference.swings import swings
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.recordings.recording import from_arrays
 
 NOISE_N = 0.02
 NAMES = ("nonlinear_stiffening", "force_bias", "hysteresis", "channel_delay", "backlash")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from teleop_rt.diagnosis.recordings.layout import layout_of
-from teleop_rt.diagnosis.recordings.recording import load
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.layout import layout_of
+from teleop_rt.recordings.recording import load
 
 T = np.arange(3000) * 1e-3
 X = 12.0 - 8.0 * np.cos(6.0 * T)

@@ -10,8 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.layout import Layout
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays, load
+from teleop_rt.recordings.layout import Layout
+from teleop_rt.recordings.recording import Recording, from_arrays, load
 
 DATA = os.environ.get("TELEOP_RT_DATA", "")
 

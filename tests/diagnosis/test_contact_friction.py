@@ -11,7 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
 from teleop_rt.diagnosis.inference.pairs import same_physics
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 _DT = 1e-3
 _N_PER_M, _N_S_PER_M = 2000.0, 15.0

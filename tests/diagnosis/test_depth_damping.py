@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 DT_S, SAMPLES = 1e-3, 8000
 STIFFNESS_N_PER_M, DAMPING_N_S_PER_M, NOISE_N = 3000.0, 6.0, 0.01

@@ -17,8 +17,8 @@ from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel, bounds, nonlinear_amplitude
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 # In each the shape is between the bounds; in the last pair the other law drives it to one.

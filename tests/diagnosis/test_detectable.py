@@ -10,7 +10,7 @@ import pytest
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.simulate import run_step
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 SEEDS = range(6)

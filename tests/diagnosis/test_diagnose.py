@@ -12,8 +12,8 @@ from teleop_rt.diagnosis.answers.experiment import Reach
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.confirmed import unweighted
 from teleop_rt.diagnosis.inference.explanation import likelihoods
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.errors import ExpectedError
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import Record
 from teleop_rt_dev.diagnosis.plants import make as recorded_for
 

@@ -16,10 +16,10 @@ from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import pose_again, problem_of
 from teleop_rt.offline.closing_files import Files, close_over
 from teleop_rt.offline.table import Table
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 _RATE_HZ = 100.0
 _FRICTION = {"coulomb_friction", "stribeck_friction", "hysteresis"}

@@ -21,8 +21,8 @@ from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.simulate import run_step
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import pose
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 GROUPED = 12

@@ -15,10 +15,10 @@ from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.noise.whiten import white
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.dropouts import dropouts
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.recordings.recording import from_arrays
 
 T = np.arange(10_000) * 1e-3
 X = 1e-3 + 3e-3 * np.sin(2 * np.pi * 0.55 * T) + 1e-3 * np.sin(2 * np.pi * 2.3 * T + 1.0)

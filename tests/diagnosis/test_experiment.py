@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from teleop_rt.diagnosis.answers.experiment import profiles
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.motions import RATE_HZ as FINE_HZ
 from teleop_rt_dev.diagnosis.plants import make
 

@@ -10,10 +10,10 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.noise import whiten
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples import touches
 from teleop_rt.diagnosis.samples.motion import position_noise, resolution_step, settling
 from teleop_rt.diagnosis.samples.preparation import problem_of, without_edges
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 STEP_M = 5e-6
 

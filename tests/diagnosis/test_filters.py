@@ -13,8 +13,7 @@ from scipy import fft, interpolate, ndimage, signal
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.least_squares import solution, within_bounds
 from teleop_rt.diagnosis.models.simulate import first_order
-from teleop_rt.diagnosis.recordings.resampling import SampleTimes, bends, on_spline, resampled
-from teleop_rt.diagnosis.samples.filters import (
+from teleop_rt.recordings.filters import (
     butterworth,
     fast_length,
     fast_length_within,
@@ -22,6 +21,7 @@ from teleop_rt.diagnosis.samples.filters import (
     local_polynomial,
     running_rank,
 )
+from teleop_rt.recordings.resampling import SampleTimes, bends, on_spline, resampled
 
 ROWS = np.cumsum(np.random.default_rng(1).standard_normal((2, 3000)), axis=1)
 
@@ -116,7 +116,7 @@ def test_a_diagnosis_loads_no_scipy() -> None:
     code = (
         "import sys; import numpy as np\n"
         "from teleop_rt.diagnosis.diagnose import diagnose\n"
-        "from teleop_rt.diagnosis.recordings.recording import from_arrays\n"
+        "from teleop_rt.recordings.recording import from_arrays\n"
         "t = 0.004 * np.arange(2000) + 1e-5 * np.sin(np.arange(2000.0))\n"
         "x = 1e-3 * np.sin(2.0 * t) + 2e-4 * np.sin(9.0 * t)\n"
         "noise = 1e-3 * np.random.default_rng(1).standard_normal(t.size)\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.foreign_laws import H, elasto_plastic
 from teleop_rt_dev.diagnosis.foreign_plants import Foreign, foreign, recorded
 from teleop_rt_dev.diagnosis.foreign_rigs import rig

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.held import is_held, is_left
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 DT_S = 2e-3
 T_S = DT_S * np.arange(4000)

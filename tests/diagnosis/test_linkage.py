@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 DT_S = 2e-3
 MASS, VISCOUS, ARM_M, TORQUE_N, NOISE_N = 0.4, 12.0, 0.03, 1.5, 0.03

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 
 def test_a_gap_is_counted_and_bridged_in_a_long_recording_wherever_it_lies() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.lost_contact import without_contact
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.recording import from_arrays
 
 DT_S, NOISE_N = 1e-3, 0.05
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.diagnosis.noise.encoder import input_errors
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, motion_of
+from teleop_rt.recordings.recording import from_arrays
 
 DT_S, STEP_M, HALF = 0.001, 2e-6, 40  # a window of 81 ms
 _T = DT_S * np.arange(12_000)

@@ -10,8 +10,8 @@ from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.diagnosis.diagnose import diagnose, predicted_on
-from teleop_rt.diagnosis.recordings.layout import Layout
-from teleop_rt.diagnosis.recordings.recording import load
+from teleop_rt.recordings.layout import Layout
+from teleop_rt.recordings.recording import load
 
 DATA = os.environ.get("TELEOP_RT_DATA", "")
 pytestmark = pytest.mark.skipif(not DATA, reason="TELEOP_RT_DATA is not set: no measured data")

@@ -24,10 +24,10 @@ from teleop_rt.diagnosis.noise.structure import (
     power_in_time,
     tangent_space,
 )
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.preparation import problem_of
-from teleop_rt.diagnosis.samples.rows import force_noise
+from teleop_rt.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.rows import force_noise
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
 from teleop_rt_dev.diagnosis.motions import jumping
 from teleop_rt_dev.diagnosis.plants import Record, coloured_noise, make

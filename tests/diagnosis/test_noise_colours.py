@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 

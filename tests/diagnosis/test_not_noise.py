@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 DT_S, STEP_M, NOISE_N = 0.002, 2e-7, 0.005
 _T = DT_S * np.arange(10_000)

@@ -8,9 +8,10 @@ import scipy
 
 from teleop_rt.diagnosis.answers.outliers import chance_of_one_source, effect_of, of_motion
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import force_noise, lone, outliers
+from teleop_rt.diagnosis.samples.outliers import outliers
+from teleop_rt.recordings.recording import from_arrays
+from teleop_rt.recordings.rows import force_noise, lone
 
 
 def moved() -> RecordedMotion:

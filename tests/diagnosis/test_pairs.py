@@ -16,8 +16,8 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.campaign import diagnosis as campaign
 from teleop_rt_dev.diagnosis.motions import jumping
 

@@ -13,8 +13,8 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.held_out import cross_predict
 from teleop_rt.diagnosis.models.model import CandidateModel
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
 
 DT, CUT_S, NOISE_N = 2e-3, 2.0, 0.01

@@ -8,8 +8,8 @@ from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.inference.polishing import polished
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.model import CandidateModel
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.motions import jumping
 
 SHIFT_M = 4e-4

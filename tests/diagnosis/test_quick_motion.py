@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.smoothing import half_window, too_quick
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 DT_S, STEP_M, SECONDS = 0.001, 5e-6, 12.0
 _T = DT_S * np.arange(int(SECONDS / DT_S))

@@ -11,11 +11,11 @@ from scipy.fft import prev_fast_len
 from scipy.io import savemat
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.excerpt import MOST_SAMPLES, most_active
-from teleop_rt.diagnosis.recordings.layout import layout_of
-from teleop_rt.diagnosis.recordings.recording import from_arrays, load
 from teleop_rt.diagnosis.samples.surface import surface_of
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.excerpt import MOST_SAMPLES, most_active
+from teleop_rt.recordings.layout import layout_of
+from teleop_rt.recordings.recording import from_arrays, load
 from teleop_rt.trial.folder import recording_of
 
 N = 4000

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.layout import Layout
-from teleop_rt.diagnosis.recordings.recording import load
+from teleop_rt.recordings.layout import Layout
+from teleop_rt.recordings.recording import load
 
 MASS_KG, DAMPING = 2.0, 30.0
 COLUMNS = {"time": "t", "position": "moved", "force": "pushed"}

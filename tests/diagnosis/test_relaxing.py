@@ -10,7 +10,7 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 _RATE_HZ = 50.0
 _RELAXES = {"stress_relaxation", "fractional_relaxation"}

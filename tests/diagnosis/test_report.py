@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.diagnosis.answers.extended import read
 from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.diagnose import diagnose, narrowed
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 pytest.importorskip("matplotlib")

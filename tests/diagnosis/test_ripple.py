@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 DT_S = 2e-3
 PITCH_M, RATIO, ANGLE_RAD = 1.3e-3, 0.35, 0.7

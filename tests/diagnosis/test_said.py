@@ -14,11 +14,11 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.whiten import white
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 

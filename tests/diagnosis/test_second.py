@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
 from teleop_rt_dev.diagnosis.motions import rich
 from teleop_rt_dev.diagnosis.plants import make

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.diagnosis.samples.smoothing import half_window
+from teleop_rt.recordings.recording import from_arrays
 
 _AMPLITUDE_M = 0.02
 

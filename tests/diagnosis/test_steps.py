@@ -12,10 +12,10 @@ from scipy.signal import butter, filtfilt, lsim, savgol_filter
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION, notes_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.motion import differentiate, position_noise, reading_noise
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 Array = NDArray[np.float64]
 BASE = base_of("kelvin-voigt")

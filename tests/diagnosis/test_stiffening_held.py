@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import Recording, from_arrays
 
 DT_S, SAMPLES = 2e-3, 4000
 STIFFNESS_N_PER_M, VISCOUS_N_S_PER_M, STROKE_M, NOISE_N = 2500.0, 6.0, 4e-3, 0.03

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.motion import differentiate
+from teleop_rt.recordings.recording import from_arrays
 
 DT_S, SAMPLES = 1e-3, 8000
 REST_M = 0.003815  # no sum of powers of two, so sums over a window are rounded

@@ -15,11 +15,11 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.recordings.recording import Recording, from_arrays
 from teleop_rt.diagnosis.samples.lost_contact import without_contact
 from teleop_rt.diagnosis.samples.onset import onset
 from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.surface import surface_of
+from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.foreign_plants import foreign
 from teleop_rt_dev.diagnosis.motions import RATE_HZ, rich
 

@@ -9,13 +9,13 @@ import pytest
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.recordings.layout import layout_of
-from teleop_rt.diagnosis.recordings.recording import from_arrays, load
-from teleop_rt.diagnosis.recordings.table_files import read_table
-from teleop_rt.diagnosis.recordings.units import factor_of
 from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.layout import layout_of
+from teleop_rt.recordings.recording import from_arrays, load
+from teleop_rt.recordings.table_files import read_table
+from teleop_rt.recordings.units import factor_of
 
 RATE_HZ, SAMPLES = 50.0, 1500
 

@@ -9,7 +9,7 @@ import scipy
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.tones import adds_tone
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 
 DT, TONE_N, NOISE_N = 2e-3, 1.0, 0.06
 

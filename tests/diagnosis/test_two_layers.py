@@ -12,8 +12,8 @@ from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base, fit_start
 from teleop_rt.diagnosis.inference.starts import extended
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import pose
+from teleop_rt.recordings.recording import from_arrays
 
 DT, SURFACE_M, LAYER_M, DRIFT_N, NOISE_N = 4e-3, -0.0045, 0.0087, 3.4, 0.06
 

@@ -16,8 +16,8 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.structure import LackOfFit
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.preparation import problem_of
+from teleop_rt.recordings.recording import from_arrays
 
 NOISE_N, BASE = 0.02, base_of("kelvin-voigt")
 

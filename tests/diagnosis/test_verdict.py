@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.structure import LackOfFit
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 from teleop_rt_dev.diagnosis.table import brier, reliability
 

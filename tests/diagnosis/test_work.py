@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference import composed, swings
 from teleop_rt.diagnosis.models import fit
 from teleop_rt.diagnosis.models.fit import Problem
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 

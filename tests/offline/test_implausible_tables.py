@@ -7,7 +7,6 @@ import pytest
 
 import teleop_rt
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.diagnosis.samples.surface import doubtful_unit
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline import replay
@@ -15,6 +14,7 @@ from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, online_of_recording, run_estimators
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt.section import Units
 
 RLS = Choice(models=["kelvin-voigt"], regressions=["direct"], solvers=["rls"])

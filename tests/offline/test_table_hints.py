@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from teleop_rt.diagnosis.recordings.recording import from_arrays
 from teleop_rt.offline.weak_force import weak_force
+from teleop_rt.recordings.recording import from_arrays
 
 TIME_S = np.arange(0.0, 4.0, 0.002)
 

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from teleop_rt.config_schema import LINEAR, ROTARY
-from teleop_rt.diagnosis.recordings.layout import columns_of, layout_of
-from teleop_rt.diagnosis.recordings.table_files import read_table
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import OutputError
 from teleop_rt.realtime.export import export, recover
 from teleop_rt.realtime.reading import read_metadata, read_topics
 from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.recordings.layout import columns_of, layout_of
+from teleop_rt.recordings.table_files import read_table
 from teleop_rt.section import Units
 from teleop_rt.signals import MASTER, SLAVE, Signal
 

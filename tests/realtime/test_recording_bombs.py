@@ -20,7 +20,7 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.mcap_records import unpack_chunk
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.recording_memory import VARIABLE, most_bytes
+from teleop_rt.recordings.memory import VARIABLE, most_bytes
 from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 
@@ -30,7 +30,7 @@ READER = f"""
 import json, resource, sys
 from pathlib import Path
 from teleop_rt.errors import RecordingError
-from teleop_rt.diagnosis.recordings.table_files import read_table
+from teleop_rt.recordings.table_files import read_table
 from teleop_rt.realtime.reading import read_topics
 import scipy.io.matlab
 pages = int(Path("/proc/self/statm").read_text().split()[0])

@@ -17,7 +17,7 @@ from teleop_rt.cli.reporting import felt_of
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.recordings.recording import from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt.study import excitation
 from teleop_rt.study.sweep_report import write_study
 from teleop_rt_dev.paths import SILICONE

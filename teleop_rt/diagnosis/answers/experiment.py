@@ -12,7 +12,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, differentiate
-from teleop_rt.diagnosis.samples.rows import force_noise
+from teleop_rt.recordings.rows import force_noise
 
 SECONDS = 10.0  # s of a proposed motion
 _RATE_HZ = 500.0  # Hz at which it is made up

@@ -16,8 +16,8 @@ from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.predict import columns, force_of
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import motion_of
+from teleop_rt.recordings.recording import Recording
 
 
 def by_reference(

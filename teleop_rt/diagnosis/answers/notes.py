@@ -11,12 +11,12 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.criteria import NAMED_SHARE, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.explanation import highest_probability
 from teleop_rt.diagnosis.models.base import Base, base_of
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.held import HELD, LEFT
 from teleop_rt.diagnosis.samples.preparation import Samples
-from teleop_rt.diagnosis.samples.rows import stretches
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
 from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
+from teleop_rt.recordings.recording import Recording
+from teleop_rt.recordings.rows import stretches
 
 STEPS_OF_MOTION = (
     "steps of the motion: the velocity jumps between two samples, as it does when the link jitters"

@@ -10,7 +10,8 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.answers.answer import effect_entry, entry
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import OUTLIERS, stretches
+from teleop_rt.diagnosis.samples.outliers import OUTLIERS
+from teleop_rt.recordings.rows import stretches
 
 OUTLIERS_ASIDE = (
     "{percent:.2g} % of the force's samples stand alone, far from their neighbours, and were left"

@@ -14,9 +14,9 @@ from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels, with_own_noise
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.preparation import pose_again
 from teleop_rt.metrics import nrmse
+from teleop_rt.recordings.recording import Recording
 
 
 @dataclass(frozen=True)

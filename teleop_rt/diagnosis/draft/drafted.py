@@ -22,7 +22,7 @@ from teleop_rt.diagnosis.draft.declaration import FILE, NAME, text_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit
-from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.recordings.recording import Recording
 
 _EVALUATIONS = 30  # of the descent: a draft's start is coarse, and is refined once
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
-from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.rows import OUTLIERS
+from teleop_rt.diagnosis.samples.outliers import OUTLIERS
+from teleop_rt.recordings.recording import Recording
 
 _BY_DIRECTION = "backward_ratio"  # shape of friction by direction
 _SURFACE_SHIFTS = {

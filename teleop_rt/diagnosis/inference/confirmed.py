@@ -28,7 +28,7 @@ from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.not_noise import not_noise
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
-from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.recordings.recording import Recording
 
 _HIDDEN_SHARE = 0.02  # of the noise's energy: an effect of a seventh of the noise's deviation
 _HIDDEN = (

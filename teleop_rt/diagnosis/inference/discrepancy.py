@@ -23,7 +23,7 @@ from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.noise.encoder import input_floor
 from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels
 from teleop_rt.diagnosis.noise.structure import LackOfFit, pressed_all_along
-from teleop_rt.diagnosis.recordings.recording import Recording
+from teleop_rt.recordings.recording import Recording
 
 _LARGEST_LEFT = 0.2  # of the base's energy above noise; another form of a law leaves less
 

@@ -11,8 +11,8 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import errors_without_jumps
 from teleop_rt.diagnosis.noise.structure import FREE_AIR, air_and_contact, power_in_time
 from teleop_rt.diagnosis.noise.whiten import power_of
-from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.recordings.filters import running_rank
 
 _TONE_BINS = 3  # bins on either side into which a tone leaks
 _TONE_DIRECTIONS = 2 * (2 * _TONE_BINS + 1)  # sine and cosine of each of these bins

@@ -10,7 +10,7 @@ from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds, in_units
 from teleop_rt.diagnosis.noise.structure import at_bounds
-from teleop_rt.diagnosis.samples.rows import force_noise
+from teleop_rt.recordings.rows import force_noise
 
 BEYOND = 1.05  # times the saturation level; one reading in a hundred may exceed it
 

@@ -16,7 +16,6 @@ from teleop_rt.diagnosis.inference.rounds import Diagnosis, in_rounds
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.held import (
     SURE_PULL,
     bilateral,
@@ -28,6 +27,7 @@ from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.diagnosis.samples.surface import surface_behind_weight
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.recording import Recording
 
 _LEAST_COMMON = 0.05  # of a judgement's samples, on which another view is compared
 _LIKELIEST = 3  # candidates of which one shows what a view of the contact may leave

@@ -14,8 +14,8 @@ from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.model import CandidateModel, phases
 from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
-from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
+from teleop_rt.recordings.filters import running_rank
 
 _SPIKE = 5  # samples; the spike of a closing play is narrower
 _AT_REST = inf  # duration [s] of a past in which the tool held the body still elsewhere

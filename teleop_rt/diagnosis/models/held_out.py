@@ -13,8 +13,8 @@ from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import centred, signed_least_squares, uncentred
 from teleop_rt.diagnosis.models.predict import columns
-from teleop_rt.diagnosis.samples.filters import butterworth
 from teleop_rt.metrics import nrmse
+from teleop_rt.recordings.filters import butterworth
 
 BLOCKS = 8  # of a record that are hidden in turn
 FOLDS = 4  # in which they are, so that a fold lies at several places

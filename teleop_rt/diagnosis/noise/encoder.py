@@ -9,9 +9,7 @@ import numpy as np
 from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.converter import before_steps, mean_error
-from teleop_rt.diagnosis.samples.filters import local_polynomial
 from teleop_rt.diagnosis.samples.motion import (
     SMOOTHING_ORDER,
     RecordedMotion,
@@ -19,8 +17,10 @@ from teleop_rt.diagnosis.samples.motion import (
     reading_noise,
     resolution_step,
 )
-from teleop_rt.diagnosis.samples.rows import force_noise, quantisation_step, stretches
 from teleop_rt.diagnosis.samples.smoothing import lost_motion, moves_in_steps
+from teleop_rt.recordings.filters import local_polynomial
+from teleop_rt.recordings.recording import Recording
+from teleop_rt.recordings.rows import force_noise, quantisation_step, stretches
 
 _JUMP_RATIO = 4.0  # times the 99 % quantile of errors; larger: a sample on the other side
 _ENCODER_DRAWS = 10  # draws of the encoder's errors

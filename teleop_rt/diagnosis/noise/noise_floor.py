@@ -19,9 +19,9 @@ from teleop_rt.diagnosis.noise.structure import (
     pressed_all_along,
 )
 from teleop_rt.diagnosis.noise.whiten import power_of
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.diagnosis.samples.rows import force_noise, robust_deviation
+from teleop_rt.recordings.recording import Recording
+from teleop_rt.recordings.rows import force_noise, robust_deviation
 
 _QUICK_S = 0.1  # s; slower forces in free air may be those of an effect
 _STILL = 0.1  # of the motion's time scale, in which the force of a law changes by little

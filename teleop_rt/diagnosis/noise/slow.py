@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Matrix, Vector
-from teleop_rt.diagnosis.samples.rows import Stretch, stretches
+from teleop_rt.recordings.rows import Stretch, stretches
 
 _DEGREE = 3  # of the polynomials along which a record does not end where it began
 _LONG_HOLE, _MOST_HOLES = 0.01, 4  # of the record; the longest such holes get a step each

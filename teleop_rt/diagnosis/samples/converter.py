@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.samples.filters import local_polynomial
+from teleop_rt.recordings.filters import local_polynomial
 
 _HARMONICS = np.arange(1, 9)  # of the mean error over a step; noise suppresses higher ones
 _HIDDEN_STEP_RATIO = 1.2  # of the noise; smaller steps leave no mean error to correct

@@ -9,8 +9,8 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.samples.filters import running_rank
-from teleop_rt.diagnosis.samples.rows import Stretch, robust_deviation, stretches
+from teleop_rt.recordings.filters import running_rank
+from teleop_rt.recordings.rows import Stretch, robust_deviation, stretches
 
 _FEWEST_SAMPLES, _LEAST_S = 5, 0.01  # samples, and s: a shorter stretch is an outlier
 _DROPOUT_RATIO = 10.0  # of the residual to its usual deviation in a dropout

@@ -13,10 +13,10 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base, base_of
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.motion import differentiate
-from teleop_rt.diagnosis.samples.rows import bulk, without_lone
 from teleop_rt.diagnosis.samples.smoothing import half_window
+from teleop_rt.recordings.recording import Recording
+from teleop_rt.recordings.rows import bulk, without_lone
 
 HELD = (
     "the body pulls as well as pushes, and the force has a slope everywhere: no free air is seen,"

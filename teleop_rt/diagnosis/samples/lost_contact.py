@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
-from teleop_rt.diagnosis.samples.rows import Stretch, robust_deviation, stretches
+from teleop_rt.recordings.rows import Stretch, robust_deviation, stretches
 
 _SIGMAS = 5.0  # standard deviations of the noise within which a force is that of free air
 _FREE_SAMPLES = 20  # samples of free air whose median is its force

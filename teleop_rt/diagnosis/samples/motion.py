@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from teleop_rt.contact.effect import Scale, Vector
-from teleop_rt.diagnosis.samples.filters import local_polynomial
-from teleop_rt.diagnosis.samples.rows import quantisation_step, robust_deviation, stretches
+from teleop_rt.recordings.filters import local_polynomial
+from teleop_rt.recordings.rows import quantisation_step, robust_deviation, stretches
 
 SMOOTHING_ORDER = 5  # of the local polynomial: a mass is off by 0.3 %, by 8 % at order 3
 MOST_REMEMBERED = 1_000_000  # values (8 MB) of rows kept for the next fit; more saves no time

@@ -11,8 +11,8 @@ from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.least_squares import least_squares, signed_solution
 from teleop_rt.diagnosis.samples.motion import differentiate
-from teleop_rt.diagnosis.samples.rows import force_noise
 from teleop_rt.diagnosis.samples.smoothing import half_window
+from teleop_rt.recordings.rows import force_noise
 
 _FLAT_SLOPE_RATIO = 0.1  # slope before over after a corner; a smaller one is that of free air
 _CORNER_GRID = 60  # corners tried over the range of positions

@@ -15,20 +15,12 @@ from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise import whiten
-from teleop_rt.diagnosis.recordings.recording import Recording, short_gaps
 from teleop_rt.diagnosis.samples import steps
 from teleop_rt.diagnosis.samples.converter import without_steps
-from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
 from teleop_rt.diagnosis.samples.onset import Surface
-from teleop_rt.diagnosis.samples.rows import (
-    force_noise,
-    outliers,
-    robust_deviation,
-    stretches,
-    without_lone,
-)
+from teleop_rt.diagnosis.samples.outliers import outliers
 from teleop_rt.diagnosis.samples.smoothing import (
     HALF_WINDOWS_S,
     half_window,
@@ -37,6 +29,9 @@ from teleop_rt.diagnosis.samples.smoothing import (
     too_quick,
 )
 from teleop_rt.diagnosis.samples.surface import refuse_unlearnable, refuse_untouched, surface_of
+from teleop_rt.recordings.filters import running_rank
+from teleop_rt.recordings.recording import Recording, short_gaps
+from teleop_rt.recordings.rows import force_noise, robust_deviation, stretches, without_lone
 
 Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
 """The samples that an answer uses."""

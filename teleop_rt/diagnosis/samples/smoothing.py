@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.criteria import SIGMAS
-from teleop_rt.diagnosis.samples.filters import fast_length, local_polynomial
 from teleop_rt.diagnosis.samples.motion import SMOOTHING_ORDER, differentiate, position_noise
-from teleop_rt.diagnosis.samples.rows import quantisation_step
+from teleop_rt.recordings.filters import fast_length, local_polynomial
+from teleop_rt.recordings.rows import quantisation_step
 
 HALF_WINDOWS_S = (0.020, 0.015, 0.010)  # s: bandwidths of 50 to 110 Hz
 _NARROWER_S = (0.007, 0.005, 0.003)  # s: up to 360 Hz, for tools that follow steps

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.samples.filters import gaussian, running_rank
+from teleop_rt.recordings.filters import gaussian, running_rank
 
 _BAND_HZ = 50.0  # Hz; hands and rigs move below it
 _BAND_OF_RATE = 0.05  # of the rate: below it every derivative's window passes the motion

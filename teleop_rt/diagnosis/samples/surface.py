@@ -6,15 +6,15 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
-from teleop_rt.diagnosis.recordings.recording import Recording
 from teleop_rt.diagnosis.samples.onset import (
     MIN_CONTACT_SAMPLES,
     Surface,
     onset,
     onset_behind_weight,
 )
-from teleop_rt.diagnosis.samples.rows import bulk, force_noise, without_lone
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.recording import Recording
+from teleop_rt.recordings.rows import bulk, force_noise, without_lone
 
 _ZERO_SURFACE_SHARE = 0.25  # of the depth; a surface guessed nearer to 0 may be 0
 _BEGIN_SHARE = 0.01  # of travel and force, below which both are at their beginning

@@ -8,8 +8,8 @@ import numpy as np
 
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.samples.filters import running_rank
 from teleop_rt.diagnosis.samples.preparation import without_edges
+from teleop_rt.recordings.filters import running_rank
 
 _TOUCH_MARGIN_S = 0.02  # s around a touch: a filter of 50 Hz spreads a jump over it
 _KEPT_SHARE = 0.5  # of the samples; if fewer are left, too little is known

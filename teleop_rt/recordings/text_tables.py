@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.cells import is_number, number_of
-from teleop_rt.diagnosis.recordings.units import are_units
-from teleop_rt.recording_memory import most_bytes, refuse_more
+from teleop_rt.recordings.cells import is_number, number_of
+from teleop_rt.recordings.memory import most_bytes, refuse_more
+from teleop_rt.recordings.units import are_units
 
 _LONGEST_PREAMBLE = 200  # lines; instruments write a screenful or two of settings at most
 _LONGEST_LINE = 1 << 16

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_rt.diagnosis.recordings.recording import Recording
-from teleop_rt.diagnosis.samples.filters import fast_length_within
+from teleop_rt.recordings.filters import fast_length_within
+from teleop_rt.recordings.recording import Recording
 
 MOST_SAMPLES = 30_000  # 30 s at 1 kHz: an answer within a minute
 _STEPS_PER_WINDOW = 4  # places tried: a quarter of the part is lost at most

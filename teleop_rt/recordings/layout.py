@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.column_names import (
+from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.column_names import (
     columns_named,
     foreign_unit,
     may_be,
     without_each_unit,
     without_units,
 )
-from teleop_rt.diagnosis.recordings.columns_file import ColumnsFile, load_columns
-from teleop_rt.diagnosis.recordings.units import ANGLES, UNITS, factor_of
-from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.columns_file import ColumnsFile, load_columns
+from teleop_rt.recordings.units import ANGLES, UNITS, factor_of
 
 _NEEDED = ("time", "position", "force")
 

@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.layout import Column, Layout, columns_of, layout_of
-from teleop_rt.diagnosis.recordings.resampling import GAP, SampleTimes, covered, resampled
-from teleop_rt.diagnosis.recordings.table_files import read_table
-from teleop_rt.diagnosis.recordings.usable import (
+from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.filters import pieces
+from teleop_rt.recordings.layout import Column, Layout, columns_of, layout_of
+from teleop_rt.recordings.resampling import GAP, SampleTimes, covered, resampled
+from teleop_rt.recordings.rows import Stretch, quantisation_step, stretches
+from teleop_rt.recordings.table_files import read_table
+from teleop_rt.recordings.usable import (
     period_of,
     refuse_nothing_to_learn,
     refuse_other_lengths,
     usable,
 )
-from teleop_rt.diagnosis.samples.filters import pieces
-from teleop_rt.diagnosis.samples.rows import Stretch, quantisation_step, stretches
-from teleop_rt.errors import RecordingError
 
 _NEEDED = ("time", "position", "force")
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved

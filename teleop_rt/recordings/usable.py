@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.units import factor_of
-from teleop_rt.diagnosis.samples.rows import lone
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.rows import lone
+from teleop_rt.recordings.units import factor_of
 from teleop_rt.section import LEAST, MOST
 
 MIN_SAMPLES = 300  # fewer cannot separate noise and effect

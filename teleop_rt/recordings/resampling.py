@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.samples.filters import pieces
 from teleop_rt.jit import kernel
+from teleop_rt.recordings.filters import pieces
 
 GAP = 1.75
 """Periods from one sample to the next; one is missing where there are more."""

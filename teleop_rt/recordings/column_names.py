@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.units import UNITS
+from teleop_rt.recordings.units import UNITS
 
 _NAMES = {
     "time": {"t", "time", "timestamp"},

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, ValidationInfo, WithJsonSchema, field_validator
 
 from teleop_rt.config_problems import problem_of
-from teleop_rt.diagnosis.recordings.units import UNITS, factor_of
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.units import UNITS, factor_of
 from teleop_rt.section import MOST, Section
 from teleop_rt.yaml_file import ConfigError, Document, read_yaml
 

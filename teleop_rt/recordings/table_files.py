@@ -15,9 +15,9 @@ from typing import IO
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.recordings.text_tables import TableError, read_text
 from teleop_rt.errors import RecordingError
-from teleop_rt.recording_memory import most_bytes, refuse_more
+from teleop_rt.recordings.memory import most_bytes, refuse_more
+from teleop_rt.recordings.text_tables import TableError, read_text
 
 TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 _UNREADABLE = (
