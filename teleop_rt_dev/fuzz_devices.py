@@ -10,8 +10,8 @@ import can
 import numpy as np
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_loader import load_trial
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.loader import load_trial
+from teleop_rt.config.rig import RigConfig
 from teleop_rt_dev.fuzz_damage import Target
 from teleop_rt_dev.paths import CONFIG
 from teleop_rt_dev.trial.files import plant_of

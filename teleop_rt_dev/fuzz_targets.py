@@ -8,7 +8,8 @@ from typing import get_args
 
 import numpy as np
 
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
+from teleop_rt.config.section import Units
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import MotionMessage, StateMessage
@@ -17,7 +18,6 @@ from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.section import Units
 from teleop_rt.service.server import CommandServer
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt_dev.fuzz_damage import Target

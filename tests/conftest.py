@@ -14,7 +14,7 @@ from hypothesis import settings
 from lean_install import without_pages
 
 from teleop_rt.cli import main
-from teleop_rt.yaml_file import ConfigLoader
+from teleop_rt.config.yaml_file import ConfigLoader
 from teleop_rt_drivers.canopen import eds, eds_file
 from teleop_rt_drivers.simulated import dictionary
 

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.config import PlantConfig
-from teleop_rt.config_loader import dump, load_rig, load_trial
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.section import Force, Units
-from teleop_rt.yaml_file import ConfigError, parse_scalar
+from teleop_rt.config.loader import dump, load_rig, load_trial
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.section import Force, Units
+from teleop_rt.config.trial import PlantConfig
+from teleop_rt.config.yaml_file import ConfigError, parse_scalar
 from teleop_rt_dev.paths import SILICONE, TRIALS
 
 

@@ -11,9 +11,9 @@ from teleop_rt import __version__
 from teleop_rt.cli import app
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.schemas import schema_named
-from teleop_rt.config_realtime import LateConfig
+from teleop_rt.config.realtime import LateConfig
+from teleop_rt.config.yaml_file import read_yaml
 from teleop_rt.contact.effect import Acts, Compensation, Family, Stage
-from teleop_rt.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(

@@ -8,7 +8,7 @@ import time
 import pytest
 import typer
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt.shipped import trial_file
 from teleop_rt.terminal import ElapsedLine
 from teleop_rt_dev.paths import RIGS

@@ -5,8 +5,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+from teleop_rt.config.section import Units
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 from teleop_rt_dev.paths import SILICONE
 

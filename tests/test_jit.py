@@ -39,7 +39,7 @@ def twice(x: float) -> float:
 
 TICKS = """
 from numba.core.dispatcher import Dispatcher
-from teleop_rt.config import EstimationConfig
+from teleop_rt.config.trial import EstimationConfig
 from teleop_rt.study.delay_world import Cell, World, trial_of
 from teleop_rt.trial.sides import make_slave
 

@@ -12,8 +12,8 @@ from schema_checks import mutations, plain, properties, unbounded
 
 from teleop_rt.cli.schema import SchemaName, schema
 from teleop_rt.cli.schemas import as_text, schema_named
-from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt.yaml_file import ConfigError, read_yaml
+from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.yaml_file import ConfigError, read_yaml
 from teleop_rt_drivers import registry
 
 ROOT = Path(__file__).parents[1]

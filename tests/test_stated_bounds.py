@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from teleop_rt import yaml_file
+from teleop_rt.config import yaml_file
 from teleop_rt.link import handshake, peer_clock, session, sessions
 from teleop_rt.service import config_check
 from teleop_rt.view.live import bounded_http, server

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from teleop_rt.yaml_file import MOST_BYTES, MOST_NODES, ConfigError, read_yaml
+from teleop_rt.config.yaml_file import MOST_BYTES, MOST_NODES, ConfigError, read_yaml
 
 
 def bomb(levels: int, width: int = 9) -> str:

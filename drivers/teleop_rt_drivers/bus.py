@@ -16,8 +16,8 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from pydantic import Field
 
 from teleop_rt.axis import AxisError
+from teleop_rt.config.section import Section
 from teleop_rt.extras import install_command
-from teleop_rt.section import Section
 from teleop_rt_drivers.fdcanusb_bus import FdcanusbBus
 from teleop_rt_drivers.socketcan_bus import DirectSocketcanBus
 from teleop_rt_drivers.unix_bus import UnixBus

@@ -14,7 +14,7 @@ from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.actuators.codec import Frame
     from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
     from teleop_rt_drivers.actuators.part import CanActuatorPart, LineActuatorPart

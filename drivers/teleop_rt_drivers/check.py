@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from can.interfaces import VALID_INTERFACES
 
 from teleop_rt.axis import AxisError
-from teleop_rt.config_link import LinkConfig
+from teleop_rt.config.link import LinkConfig
 from teleop_rt.link.keys import KeyFileError, load_keys
 from teleop_rt.slave.pace import met_within_cap, unknown_speed
 from teleop_rt.trial.simulated_wall import unmet
@@ -42,8 +42,8 @@ from teleop_rt_drivers.stall_check import check_stalls
 from teleop_rt_drivers.transport import DEFAULT_BIT_RATE
 
 if TYPE_CHECKING:
-    from teleop_rt.config import TrialConfig
-    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt.config.rig import AxisConfig, RigConfig
+    from teleop_rt.config.trial import TrialConfig
     from teleop_rt_drivers.bus_load import Load
     from teleop_rt_drivers.canopen.drive_config import ForceInputConfig
 

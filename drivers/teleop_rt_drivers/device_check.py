@@ -17,8 +17,8 @@ from teleop_rt_drivers.transport import DEFAULT_BIT_RATE, answer_bits, question_
 
 if TYPE_CHECKING:
     from teleop_rt.axis import Timing
-    from teleop_rt.config import TrialConfig
-    from teleop_rt.config_operator import DeviceOperator
+    from teleop_rt.config.operator import DeviceOperator
+    from teleop_rt.config.trial import TrialConfig
 
 
 def check_device(trial: TrialConfig, operator: DeviceOperator) -> list[Finding]:

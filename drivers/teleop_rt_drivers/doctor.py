@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import can
 
     from teleop_rt.axis import Axis
-    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt.config.rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus import BusConfig
 
 WARM_UP = 10

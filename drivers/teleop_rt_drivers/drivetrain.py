@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from teleop_rt.section import Damping, Force, Mass, Section
+from teleop_rt.config.section import Damping, Force, Mass, Section
 
 if TYPE_CHECKING:
     from teleop_rt.axis import Sample

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import typer
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt.config_operator import DeviceOperator
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.operator import DeviceOperator
+from teleop_rt.config.rig import RigConfig
+from teleop_rt.config.trial import TrialConfig
+from teleop_rt.config.yaml_file import ConfigError, ConfigProblem, read_yaml
 from teleop_rt.errors import BAD_INPUT, FAULT
 from teleop_rt.terminal import ElapsedLine, red
-from teleop_rt.yaml_file import ConfigError, ConfigProblem, read_yaml
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import UNIX, open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart

@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import ConfigDict, model_validator
 
 from teleop_rt.axis import Axis
-from teleop_rt.config_rig import AxisConfig, RigConfig
+from teleop_rt.config.rig import AxisConfig, RigConfig
 
 GROUP = "teleop_rt.drivers"
 

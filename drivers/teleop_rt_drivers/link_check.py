@@ -16,7 +16,7 @@ from teleop_rt_drivers.findings import Finding
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt.config import TrialConfig
+    from teleop_rt.config.trial import TrialConfig
     from teleop_rt.link.channel import Endpoint
 
 SECONDS = 3.0

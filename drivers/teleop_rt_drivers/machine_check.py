@@ -16,7 +16,7 @@ from teleop_rt_drivers.findings import Finding
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt.realtime.scheduling import Privilege
 
 LOOKED_S = 2.0

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from teleop_rt.axis import Sample, sample_place
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.config_supervision import UnsafeWord
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.supervision import UnsafeWord
 from teleop_rt.jit import bound, kernel
 from teleop_rt_drivers.actuators.config import CanActuator
 from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart

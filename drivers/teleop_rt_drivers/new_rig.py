@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.shipped import EXAMPLES
 from teleop_rt_drivers.bus import BusConfig, open_bus

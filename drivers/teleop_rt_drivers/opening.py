@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     import can
 
     from teleop_rt.axis import Axis
-    from teleop_rt.config import PlantConfig
-    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt.config.rig import AxisConfig, RigConfig
+    from teleop_rt.config.trial import PlantConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.source import FramedPort
     from teleop_rt_drivers.simulated.rig import SimulatedRig

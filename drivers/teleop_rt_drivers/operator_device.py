@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt.axis import Device
-    from teleop_rt.config_operator import DeviceOperator
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.operator import DeviceOperator
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.simulated.hand_plant import HandPlant
     from teleop_rt_drivers.simulated.rig import Network

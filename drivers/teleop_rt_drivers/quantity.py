@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
 
 DriveZero = Literal["encoder", "unknown"]
 """Zero of a drive's position: that of the encoder, or unknown, as before homing.

@@ -11,9 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from teleop_rt.axis import AxisError, AxisFault, EndOfRecording, Sample
-from teleop_rt.config_rig import AxisConfig, RigConfig
-from teleop_rt.config_supervision import UnsafeWord
-from teleop_rt.section import AnySize, Quantity
+from teleop_rt.config.rig import AxisConfig, RigConfig
+from teleop_rt.config.section import AnySize, Quantity
+from teleop_rt.config.supervision import UnsafeWord
 from teleop_rt_drivers.bounded_file import refuse_huge
 
 if TYPE_CHECKING:

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
-    from teleop_rt.config import PlantConfig
-    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt.config.rig import AxisConfig, RigConfig
+    from teleop_rt.config.trial import PlantConfig
 
 CanBusPart = CanopenPart | RawCanPart | CanActuatorPart
 """Parts that have a CAN bus of their own."""

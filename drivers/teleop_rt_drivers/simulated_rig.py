@@ -26,8 +26,8 @@ from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt.config_operator import DeviceOperator
-    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt.config.operator import DeviceOperator
+    from teleop_rt.config.rig import AxisConfig, RigConfig
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig

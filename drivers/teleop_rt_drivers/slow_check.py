@@ -11,7 +11,7 @@ from teleop_rt_drivers.framed.format import TextFormat, load_format
 from teleop_rt_drivers.registry import parts_of
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt.config.rig import AxisConfig, RigConfig
     from teleop_rt_drivers.framed.signal_config import SignalConfig
 
 

@@ -13,7 +13,7 @@ from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import FramedPart
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import AxisConfig, RigConfig
+    from teleop_rt.config.rig import AxisConfig, RigConfig
     from teleop_rt_drivers.canopen.drive_config import DriveConfig
 
 ABORT_CONNECTION = (0x6007, 0)  # abort connection option code (CiA 402)

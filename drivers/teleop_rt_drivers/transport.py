@@ -18,7 +18,7 @@ from teleop_rt_drivers.framed.binary import BinaryPacker
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
     from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
     from teleop_rt_drivers.framed.config import SerialDeviceConfig

@@ -6,9 +6,9 @@ import json
 from typing import Any
 
 from teleop_rt.cli.schema import SchemaName
-from teleop_rt.config import PlantConfig
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.config_schema import Parts, schema_of, schema_of_rig, schema_of_trial
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.schema import Parts, schema_of, schema_of_rig, schema_of_trial
+from teleop_rt.config.trial import PlantConfig
 from teleop_rt.diagnosis.answers.answer_keys import Answer, Problem
 from teleop_rt.json_schema import schema_of_json
 from teleop_rt.recordings.columns_file import ColumnsFile

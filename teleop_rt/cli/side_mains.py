@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from teleop_rt.axis import Axis, AxisError
 from teleop_rt.cli.leaving import leave_on_fault
 from teleop_rt.cli.wiring import load_trial_file, publish_handle, publish_truth
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.errors import ExpectedError
 from teleop_rt.interrupts import StopRequest
 from teleop_rt.link.keys import default_key, load_keys, load_own_key

@@ -12,7 +12,7 @@ from teleop_rt.study.chapter4_wiring import Wiring
 from teleop_rt.study.commands import app
 
 if TYPE_CHECKING:
-    from teleop_rt.config import TrialConfig
+    from teleop_rt.config.trial import TrialConfig
     from teleop_rt.trial.bench import Bench
 
 

@@ -23,7 +23,7 @@ from teleop_rt.cli.reporting import felt_of
 from teleop_rt.cli.showing import live_page_beside
 from teleop_rt.cli.side_mains import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import FAULT
 from teleop_rt.estimation.pipeline import Pipeline

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOPIC

@@ -11,7 +11,7 @@ import functools
 import math
 from struct import Struct
 
-from teleop_rt.config import ModelId
+from teleop_rt.config.trial import ModelId
 from teleop_rt.link.messages import (
     MOST_EFFECTS,
     Header,

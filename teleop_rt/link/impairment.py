@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_rt.config_link import LinkConfig
+from teleop_rt.config.link import LinkConfig
 from teleop_rt.link.transport import Address, Transport
 
 NS_PER_MS = 1_000_000

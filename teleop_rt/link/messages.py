@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-from teleop_rt.config import ModelId
+from teleop_rt.config.trial import ModelId
 
 MOST_EFFECTS = 2
 """Effects of the environment beside a streamed model."""

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from teleop_rt.axis import Device, Timing
-from teleop_rt.config_master import MasterConfig
-from teleop_rt.config_operator import DeviceOperator, HandOperator, OperatorConfig, ProfileOperator
+from teleop_rt.config.master import MasterConfig
+from teleop_rt.config.operator import DeviceOperator, HandOperator, OperatorConfig, ProfileOperator
 from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.handle_safety import HandleWatch

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from teleop_rt.config_master import CouplingConfig, Mode
+from teleop_rt.config.master import CouplingConfig, Mode
 from teleop_rt.link.messages import StateMessage
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from teleop_rt.config_master import MasterConfig
+from teleop_rt.config.master import MasterConfig
 from teleop_rt.link.messages import StateMessage
 
 NS_PER_MS = 1_000_000

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_rt.config_operator import HandOperator
+from teleop_rt.config.operator import HandOperator
 from teleop_rt.master.operators import Operator, Profile
 
 _SUBSTEPS = 8

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.axis import NO_AXIS_FAULT, Sample
-from teleop_rt.config_device import EnablingSwitch
-from teleop_rt.config_rig import Limits
-from teleop_rt.config_supervision import UnsafeWord
+from teleop_rt.config.device import EnablingSwitch
+from teleop_rt.config.rig import Limits
+from teleop_rt.config.supervision import UnsafeWord
 from teleop_rt.jit import bound, kernel
 from teleop_rt.kernel_record import record_type
 from teleop_rt.master import handle_faults as faults

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from teleop_rt.config_master import MasterConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.master import MasterConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.codec import motion_body

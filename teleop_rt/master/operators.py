@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from teleop_rt.config_operator import ProfileOperator
+from teleop_rt.config.operator import ProfileOperator
 
 LIFTED_S = 0.2
 """Time in the air between two presses of a profile."""

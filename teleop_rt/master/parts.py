@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.config_master import MasterConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.master import MasterConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.master.adoption import Adoption
 from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.energy import PassivityObserver

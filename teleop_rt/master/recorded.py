@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from teleop_rt.config_operator import RecordedOperator
+from teleop_rt.config.operator import RecordedOperator
 from teleop_rt.errors import ExpectedError
 
 _WINDOW = 21

@@ -14,8 +14,8 @@ from typing import Any
 
 import yaml
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import HandOperator, ProfileOperator
+from teleop_rt.config.operator import HandOperator, ProfileOperator
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects.user import library as known_effects
 from teleop_rt.diagnosis.answers import extended

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from teleop_rt.batch.bar import bar
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.errors import RecordingError

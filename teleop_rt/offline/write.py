@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from teleop_rt.config.yaml_file import read_yaml
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.answers.residuals import residuals_of
@@ -16,7 +17,6 @@ from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.extras import install_command
 from teleop_rt.recordings.excerpt import most_active
 from teleop_rt.recordings.recording import Recording
-from teleop_rt.yaml_file import read_yaml
 
 _LEAD_IN_S = 1.0
 """Rest before a proposed motion: the axis goes to its first position in it."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config_realtime import LateConfig
+from teleop_rt.config.realtime import LateConfig
 from teleop_rt.jit import kernel, shared
 
 Counts = NDArray[np.int64]

@@ -11,9 +11,9 @@ from typing import IO, cast
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from teleop_rt.config.section import Units
 from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.output import PatientFile
-from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
 ONLINE, RUN = "online-estimation", "run"

@@ -8,11 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Rows
 from teleop_rt.realtime.parts import number_of, part, parts
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
 

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, ValidationInfo, WithJsonSchema, field_validator
 
-from teleop_rt.config_problems import problem_of
+from teleop_rt.config.problems import problem_of
+from teleop_rt.config.section import MOST, Section
+from teleop_rt.config.yaml_file import ConfigError, Document, read_yaml
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.units import UNITS, factor_of
-from teleop_rt.section import MOST, Section
-from teleop_rt.yaml_file import ConfigError, Document, read_yaml
 
 _FACTOR = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from teleop_rt.section import LEAST, MOST
+from teleop_rt.config.section import LEAST, MOST
 
 _DEGREE = np.pi / 180.0
 _MICRO = ("u", "\u00b5", "\u03bc")  # u, the micro sign, the Greek letter

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.config.section import LEAST, MOST
 from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.rows import lone
 from teleop_rt.recordings.units import factor_of
-from teleop_rt.section import LEAST, MOST
 
 MIN_SAMPLES = 300  # fewer cannot separate noise and effect
 _ROUNDED = 1.05  # a period of 0.1 s may be stamped as 0.10002 s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from teleop_rt.config_master import CouplingConfig, Mode
+from teleop_rt.config.master import CouplingConfig, Mode
 from teleop_rt.jit import kernel
 from teleop_rt.slave.record import Tick
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import Enum
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_reference import HomingConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.reference import HomingConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import Fault
 from teleop_rt.slave.limiter import Limiter

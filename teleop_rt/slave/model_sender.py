@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from teleop_rt.config_link import LinkConfig
+from teleop_rt.config.link import LinkConfig
 from teleop_rt.contact.fitted import code_of, slopes
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.streamed import Matrix, Streaming

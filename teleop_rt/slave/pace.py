@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.rig import RigConfig
 from teleop_rt.jit import kernel
 from teleop_rt.slave.record import Tick
 

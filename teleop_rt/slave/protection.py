@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.slave.catch_up import CatchUp
 from teleop_rt.slave.coupling import set_coupling
 from teleop_rt.slave.guard import ContactGuard

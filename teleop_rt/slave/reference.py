@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_reference import ReferenceConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.reference import ReferenceConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import Fault, State

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation.contact_found import Contact
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.jit import bound

@@ -10,8 +10,8 @@ from collections.abc import Collection
 from typing import cast
 
 from teleop_rt.axis import Sample, SampleFields
-from teleop_rt.config_rig import Limits
-from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
+from teleop_rt.config.rig import Limits
+from teleop_rt.config.supervision import SupervisionConfig, UnsafeWord
 from teleop_rt.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import FAULTS, Fault

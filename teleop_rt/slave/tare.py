@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from teleop_rt.config_reference import TareConfig
+from teleop_rt.config.reference import TareConfig
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import Fault
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from teleop_rt.batch.workers import Case, Result
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.master.walls import NO_WALL
 from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.lockstep_run import LockstepTrial

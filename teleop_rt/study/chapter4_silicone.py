@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.batch.workers import Case, Result
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import dump
+from teleop_rt.config.loader import dump
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report_with_delays
 from teleop_rt.estimation.rows import rows_for

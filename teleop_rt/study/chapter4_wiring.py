@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from teleop_rt.config import TrialConfig
+    from teleop_rt.config.trial import TrialConfig
     from teleop_rt.trial.bench import OpenBench
 
 

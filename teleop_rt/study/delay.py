@@ -18,7 +18,7 @@ from typing import Any, get_args
 
 from teleop_rt.batch.sweep import CASES, finished, key_of
 from teleop_rt.batch.workers import Case, Result
-from teleop_rt.config_master import Mode
+from teleop_rt.config.master import Mode
 from teleop_rt.study.delay_hand import PRESS_S, STRIDE_S
 from teleop_rt.study.delay_measures import measure
 from teleop_rt.study.delay_plant import EnvironmentName

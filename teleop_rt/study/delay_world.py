@@ -13,17 +13,17 @@ from typing import Literal
 
 import numpy as np
 
-from teleop_rt.config import ContactConfig, EstimationConfig, SlaveConfig, TrialConfig
-from teleop_rt.config_link import LinkConfig
-from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
-from teleop_rt.config_operator import HandOperator, ProfileOperator
-from teleop_rt.config_rig import AxisConfig, Limits, RigConfig, Sensors
+from teleop_rt.config.link import LinkConfig
+from teleop_rt.config.master import CouplingConfig, MasterConfig, Mode
+from teleop_rt.config.operator import HandOperator, ProfileOperator
+from teleop_rt.config.rig import AxisConfig, Limits, RigConfig, Sensors
+from teleop_rt.config.section import Units
+from teleop_rt.config.trial import ContactConfig, EstimationConfig, SlaveConfig, TrialConfig
 from teleop_rt.master.coupling import make_coupling
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.master import Master
 from teleop_rt.master.operators import Operator
 from teleop_rt.realtime.clock import SimulatedClock
-from teleop_rt.section import Units
 from teleop_rt.signals import MASTER, columns
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.slave import Slave

@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.session import describe, new_session
 from teleop_rt.service.keeper import kept

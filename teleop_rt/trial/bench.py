@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.axis import Axis
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 
 if TYPE_CHECKING:
     from teleop_rt.master.build import OpenDevice

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_realtime import RecordingConfig
+from teleop_rt.config.realtime import RecordingConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.estimation.extension import Extension, extension_from
 from teleop_rt.estimation.pairing import CUTOFF_SHARE

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import DeviceOperator
+from teleop_rt.config.operator import DeviceOperator
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.trial.folder import TRUTH
 
 Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from typing import Any
 
 import yaml
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import dump
+from teleop_rt.config.loader import dump
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.errors import BAD_INPUT, RecordingError
 from teleop_rt.outputs import refuse_filled, unwritable
 from teleop_rt.realtime.parts import parts

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config_realtime import LateConfig
+from teleop_rt.config.realtime import LateConfig
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness, late_ns
 from teleop_rt.realtime.scheduling import FIFO, LOCKED, PINNED, Privilege
 from teleop_rt.slave.faults import State

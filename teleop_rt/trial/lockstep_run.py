@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.axis import EndOfRecording
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import KEY_BYTES, shared_key
 from teleop_rt.link.transport import MemoryTransport

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import DeviceOperator
+from teleop_rt.config.operator import DeviceOperator
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.master.build import OpenDevice, cutoff_of, make_operator, make_port

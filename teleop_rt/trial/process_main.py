@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_rt.axis import Axis
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_realtime import RealtimeConfig
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.realtime import RealtimeConfig
+from teleop_rt.config.rig import RigConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.clock import RealClock

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.slave.faults import FAULTS, State
 from teleop_rt.trial.felt_force import EnvironmentForce
 from teleop_rt.trial.late import recorded

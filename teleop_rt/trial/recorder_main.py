@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.config.section import Units
 from teleop_rt.interrupts import StopRequest
 from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
 from teleop_rt.realtime.recording import ONLINE
 from teleop_rt.realtime.rotation import RotatingWriter, sizes_of
 from teleop_rt.realtime.session import LAST_FAULT, Recorder, description
 from teleop_rt.realtime.state_file import found
-from teleop_rt.section import Units
 from teleop_rt.trial.event_log import EventLog
 from teleop_rt.trial.folder import RECORDING
 

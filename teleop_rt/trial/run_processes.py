@@ -13,7 +13,7 @@ from operator import or_
 from pathlib import Path
 from typing import Any, Protocol
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.interrupts import deferred_interrupts
 from teleop_rt.jit import load_compiler
 from teleop_rt.link.keys import generate_key

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.axis import Axis
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.keys import PeerKeys

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import ProfileOperator
+from teleop_rt.config.operator import ProfileOperator
+from teleop_rt.config.trial import TrialConfig
 
 
 class Unmet(NamedTuple):

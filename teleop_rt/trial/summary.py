@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation import watch
 from teleop_rt.metrics import lag_s, nrmse
 from teleop_rt.realtime.reading import read_topics

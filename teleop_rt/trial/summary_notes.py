@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.realtime.alarms import of_recorder
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.grades import POOR_NRMSE, selected_nrmse

@@ -8,8 +8,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from teleop_rt.config.section import Units
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
-from teleop_rt.section import Units
 from teleop_rt.trial.grades import (
     GRADE_COLOURS,
     MARKS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from teleop_rt.section import Units
+from teleop_rt.config.section import Units
 from teleop_rt.view.quantities import small_position, stiffness_units
 from teleop_rt.view.style import number
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from teleop_rt.config.section import Units
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.models import MODELS
-from teleop_rt.section import Units
 from teleop_rt.view.style import printed, with_unit
 
 SMALL = 1e3

@@ -13,11 +13,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.realtime.mcap_index import count_messages
 from teleop_rt.realtime.reading import read_topics
-from teleop_rt.section import Units
 from teleop_rt.trial.felt_force import SIGNALS as FELT_SIGNALS
 from teleop_rt.trial.felt_force import Felt
 from teleop_rt.trial.folder import LOG, RECORDING, TRIAL, recording_of

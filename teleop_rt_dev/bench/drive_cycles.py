@@ -9,8 +9,8 @@ from typing import Any
 import can
 
 from teleop_rt.axis import Sample
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt_dev.bench.measure import processor_seconds
 from teleop_rt_dev.paths import TRIALS
 from teleop_rt_dev.trial.files import plant_of

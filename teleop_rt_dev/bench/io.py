@@ -14,7 +14,7 @@ import canopen
 import numpy as np
 import serial
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_dev.bench.drive_cycles import DRIVES, actuator_cycle
 from teleop_rt_dev.bench.measure import Row, interleave, ratios, row, seconds
 from teleop_rt_dev.paths import RIGS

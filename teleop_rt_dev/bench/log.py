@@ -13,11 +13,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from teleop_rt.config.section import Units
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.realtime.session import new_session
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE
 from teleop_rt_dev.bench.measure import Row, row
 

@@ -17,7 +17,7 @@ from typing import Any
 from unittest.mock import patch
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import KEY_BYTES, shared_key
 from teleop_rt.link.transport import UdpTransport

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
 from teleop_rt_dev.paths import CONFIG
 from teleop_rt_dev.trial.files import plant_of
 from teleop_rt_drivers import opening, registry

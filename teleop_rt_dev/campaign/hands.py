@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import dump
+from teleop_rt.config.loader import dump
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.hands.drawn import KINDS, draw
 from teleop_rt_dev.hands.ideal import IdealWall, ideal_motion

@@ -15,7 +15,7 @@ import can
 import numpy as np
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
 from teleop_rt.signals import TRUTH, columns
 from teleop_rt_dev.paths import SILICONE
 from teleop_rt_dev.trial.files import plant_of

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.config.section import Units
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.realtime.export import recover
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, columns
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.faults.soak import soak
 from teleop_rt_dev.faults.table import result
 from teleop_rt_dev.link.attacks import attack

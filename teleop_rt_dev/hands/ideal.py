@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_operator import DeviceOperator
+from teleop_rt.config.operator import DeviceOperator
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.master.hand import Hand
 
 Array = NDArray[np.float64]

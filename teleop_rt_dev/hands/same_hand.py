@@ -25,7 +25,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.signal import detrend
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.master.leash import Leash
 from teleop_rt.master.master import Master

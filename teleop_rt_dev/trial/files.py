@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from teleop_rt.config import PlantConfig, TrialConfig
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
+from teleop_rt.config.trial import PlantConfig, TrialConfig
 from teleop_rt_dev.paths import SILICONE, TRIALS
 from teleop_rt_drivers import registry
 

@@ -8,7 +8,7 @@ from typing import Any
 from rig_bench import MS, START_NS, Cycles, plant_config
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.ends import LockStepEnds
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig
 from teleop_rt_drivers.opening import open_rig
@@ -19,7 +19,7 @@ from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.synchronous_bus import synchronous_pair
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
 
 RIG_FILE = Path(__file__).parents[2] / "config" / "rigs" / "simulated_canopen.yaml"
 MS = 1_000_000

@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_dev.paths import RIGS
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.actuators.codec import DriveState, Frame, Report, Taken

@@ -11,11 +11,11 @@ from rig_bench import MS, plant_config
 from test_trial_on_every_rig import TRIAL, kelvin_voigt, open_bench
 
 from teleop_rt.axis import AxisError, AxisFault
-from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.doctor import examine_axis

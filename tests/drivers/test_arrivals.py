@@ -14,7 +14,7 @@ from framed_bench import RIGS, edited, load
 from rig_bench import MS, START_NS, plant_config
 
 from teleop_rt.axis import AxisFault
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.realtime.clock import WATCHED_UP_TO_NS, RealClock
 from teleop_rt.trial.estimators import pipeline_settings

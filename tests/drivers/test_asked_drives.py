@@ -10,7 +10,7 @@ from framed_bench import load
 
 from teleop_rt.axis import AxisFault
 from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.yaml_file import ConfigError
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt_dev.faults.handle import MS, SERIAL, HandleBench
 from teleop_rt_dev.paths import TRIALS
 from teleop_rt_drivers.actuators.asking import AskingPort

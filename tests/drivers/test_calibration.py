@@ -11,11 +11,11 @@ from framed_bench import MS, RIGS, FramedBench
 from rig_bench import plant_config
 from test_trial_on_every_rig import TRIAL, open_bench
 
-from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt.section import Units
+from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.section import Units
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration import work
 from teleop_rt_drivers.calibration.device import DeviceFit

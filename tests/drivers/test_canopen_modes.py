@@ -11,8 +11,8 @@ from framed_bench import RIGS, FramedBench
 from rig_bench import Bench, canopen_rig, changed, path, plant_config
 
 from teleop_rt.axis import AxisError, AxisFault
-from teleop_rt.config_loader import load_rig
-from teleop_rt.yaml_file import ConfigError
+from teleop_rt.config.loader import load_rig
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.bus_load import canopen_load
 from teleop_rt_drivers.canopen import eds

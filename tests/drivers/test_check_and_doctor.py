@@ -11,9 +11,9 @@ import yaml
 from framed_bench import MS, RIGS, FramedBench, edited, load
 
 from teleop_rt.cli import main
-from teleop_rt.config_link import LinkConfig
-from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt.yaml_file import ConfigError
+from teleop_rt.config.link import LinkConfig
+from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt_drivers import link_check, registry
 from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.doctor import examine_axis, frame_names

@@ -9,7 +9,7 @@ from test_actuator_handles import handle_of
 
 from teleop_rt.axis import AxisError
 from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration.device import device_keys, fit_device

@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 from rig_bench import MS, Bench, path, plant_config
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt.shipped import EXAMPLES
 from teleop_rt.signals import TRUTH, columns
 from teleop_rt_drivers.calibration.force import force_keys

@@ -6,9 +6,9 @@ import pytest
 from rig_bench import START_NS, canopen_rig, plant_config
 
 from teleop_rt.axis import AxisError, Sample
-from teleop_rt.config import PlantConfig
-from teleop_rt.config_loader import load_rig
-from teleop_rt.yaml_file import ConfigError
+from teleop_rt.config.loader import load_rig
+from teleop_rt.config.trial import PlantConfig
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt_drivers.opening import open_lock_step, open_rig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig

@@ -14,11 +14,11 @@ from test_trial_on_every_rig import TRIAL, kelvin_voigt, open_bench
 
 from teleop_rt.api.values import Parameter
 from teleop_rt.axis import AxisError
-from teleop_rt.config_loader import load_rig, load_trial
+from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration import work
 from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys

@@ -48,7 +48,7 @@ READ = """
 import json
 from pathlib import Path
 from teleop_rt.axis import Sample
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers import opening, registry
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.findings import worst

@@ -10,7 +10,7 @@ from struct import Struct
 import pytest
 
 from teleop_rt.axis import AxisError, AxisFault, Sample
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.rig import Limits
 from teleop_rt.master import handle_faults as faults
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.held_key import HeldKey

@@ -11,7 +11,7 @@ from framed_bench import FramedBench, edited, load
 from rig_bench import MS, plant_config
 
 from teleop_rt.axis import AxisError, AxisFault
-from teleop_rt.yaml_file import ConfigError
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt_drivers import opening
 from teleop_rt_drivers.actuators.dynamixel import packet as dynamixel_packet
 from teleop_rt_drivers.actuators.feetech import packet as feetech_packet

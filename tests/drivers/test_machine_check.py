@@ -9,7 +9,7 @@ import numba
 import pytest
 from framed_bench import load
 
-from teleop_rt.config_realtime import LateConfig
+from teleop_rt.config.realtime import LateConfig
 from teleop_rt.realtime.lateness import Lateness
 from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt_drivers.machine_check import (

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from framed_bench import FramedBench
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt.shipped import EXAMPLES
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.new_rig import write_rig

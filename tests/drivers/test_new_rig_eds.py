@@ -8,7 +8,7 @@ from importlib import resources
 import pytest
 from framed_bench import FramedBench
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.new_rig import with_eds, with_found, write_rig
 from teleop_rt_drivers.rig_text import rig_text

@@ -11,7 +11,7 @@ from framed_bench import FramedBench, load
 from rig_bench import MS
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config_supervision import SupervisionConfig
+from teleop_rt.config.supervision import SupervisionConfig
 from teleop_rt.slave import hazards
 from teleop_rt.slave.supervision import Supervision
 from teleop_rt_drivers.actuators.codec import Frame, Report

@@ -13,7 +13,8 @@ from rig_bench import MS
 
 from teleop_rt.axis import AxisError
 from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.realtime.reading import read_topics
@@ -21,7 +22,6 @@ from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.table import print_summary
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.faults.handle import CANOPEN, SERIAL, HandleBench
 from teleop_rt_drivers import opening, operator_device, registry
 from teleop_rt_drivers.ends import DeviceEnds

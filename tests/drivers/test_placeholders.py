@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration.rig_file import rewrite
 from teleop_rt_drivers.new_rig import with_found, write_rig

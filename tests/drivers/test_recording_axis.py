@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.axis import AxisError, EndOfRecording, Sample
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers.opening import open_axis
 from teleop_rt_drivers.recording import RecordingAxis
 from teleop_rt_drivers.registry import AXIS_SCHEMAS

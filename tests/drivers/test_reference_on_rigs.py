@@ -9,7 +9,7 @@ import pytest
 from framed_bench import RIGS
 
 from teleop_rt.cli.wiring import open_bench
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
 from teleop_rt.realtime.session import new_session
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.lockstep_run import LockstepTrial

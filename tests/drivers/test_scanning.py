@@ -6,7 +6,7 @@ import pytest
 from framed_bench import FramedBench, load
 from rig_bench import Bench
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration.rig_file import with_values
 from teleop_rt_drivers.new_rig import on_bus, with_found, write_rig

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from framed_bench import MS, RIGS, FramedBench
 
-from teleop_rt.config_loader import load_rig
-from teleop_rt.yaml_file import ConfigError
+from teleop_rt.config.loader import load_rig
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.check import check_rig
 from teleop_rt_drivers.simulated.slow_converter import settling_weights

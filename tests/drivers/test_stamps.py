@@ -13,7 +13,7 @@ from rig_bench import MS, Bench
 from test_trial_on_every_rig import open_bench
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.estimators import pipeline_settings
 from teleop_rt.trial.folder import write_trial

@@ -13,7 +13,7 @@ from framed_bench import RIGS
 from lean_install import without_report
 from machine_witness import undisturbed
 
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.session import publish
 from teleop_rt.signals import TRUTH

@@ -8,8 +8,8 @@ import pytest
 from framed_bench import edited
 
 from teleop_rt.axis import AxisError
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.yaml_file import ConfigError
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt_dev.trial.files import SILICONE, silicone
 from teleop_rt_drivers import opening
 from teleop_rt_drivers.check import check_rig

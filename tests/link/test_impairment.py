@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from teleop_rt.config_link import LinkConfig
+from teleop_rt.config.link import LinkConfig
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.transport import MemoryTransport
 

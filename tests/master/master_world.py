@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.config_master import MasterConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.master import MasterConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.contact.effect import Effect
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment

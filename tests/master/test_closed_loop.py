@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from master_world import CONFIG, PERIOD_NS, World
 
-from teleop_rt.config_operator import HandOperator, ProfileOperator
+from teleop_rt.config.operator import HandOperator, ProfileOperator
 from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.hand import Hand

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from teleop_rt.config_master import CouplingConfig, Mode
+from teleop_rt.config.master import CouplingConfig, Mode
 from teleop_rt.link.messages import MotionMessage, StateMessage
 from teleop_rt.master import coupling as master
 from teleop_rt.slave.coupling import couple, coupled, set_coupling

@@ -17,8 +17,8 @@ import pytest
 from master_world import KEY, PERIOD_NS, IdealSlave, SteppedClock
 
 from teleop_rt.axis import Sample, Timing
-from teleop_rt.config_master import MasterConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.master import MasterConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.keys import shared_key

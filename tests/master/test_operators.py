@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from teleop_rt.config_operator import HandOperator, ProfileOperator, RecordedOperator
+from teleop_rt.config.operator import HandOperator, ProfileOperator, RecordedOperator
 from teleop_rt.master.build import make_operator
 from teleop_rt.master.hand import Hand
 from teleop_rt.master.operators import Operator, Profile

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from master_world import CONFIG, World
 
-from teleop_rt.config_operator import ProfileOperator
+from teleop_rt.config.operator import ProfileOperator
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.contact.fitted import code_of
 from teleop_rt.link.messages import ModelEffect, ModelMessage

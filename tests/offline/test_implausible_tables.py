@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import teleop_rt
+from teleop_rt.config.section import Units
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.samples.surface import doubtful_unit
 from teleop_rt.errors import RecordingError
@@ -15,7 +16,6 @@ from teleop_rt.offline.replay import Choice, online_of_recording, run_estimators
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.recordings.recording import from_arrays
-from teleop_rt.section import Units
 
 RLS = Choice(models=["kelvin-voigt"], regressions=["direct"], solvers=["rls"])
 SAMPLES, PERIOD_S = 3000, 0.002

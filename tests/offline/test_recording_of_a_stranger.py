@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.rows import rows_for
@@ -17,7 +18,6 @@ from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.recording import ONLINE, RecordingWriter
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt.trial.estimators import online_metadata
 

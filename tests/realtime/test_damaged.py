@@ -11,6 +11,7 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.interrupts import StopRequest
 from teleop_rt.realtime import mcap_records
@@ -18,7 +19,6 @@ from teleop_rt.realtime.reading import read_metadata, read_topics
 from teleop_rt.realtime.recording import ONLINE, RecordingWriter
 from teleop_rt.recordings.layout import layout_of
 from teleop_rt.recordings.recording import load
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 
 MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)

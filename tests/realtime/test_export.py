@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import loadmat
 
-from teleop_rt.config_schema import LINEAR, ROTARY
+from teleop_rt.config.schema import LINEAR, ROTARY
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import OutputError
 from teleop_rt.realtime.export import export, recover
@@ -15,7 +16,6 @@ from teleop_rt.realtime.reading import read_metadata, read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.recordings.layout import columns_of, layout_of
 from teleop_rt.recordings.table_files import read_table
-from teleop_rt.section import Units
 from teleop_rt.signals import MASTER, SLAVE, Signal
 
 TABLE = (Signal("stamp_ns", "ns", "time"), Signal("force", "{f}", "force"))

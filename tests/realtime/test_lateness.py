@@ -7,7 +7,7 @@ import numba
 import pytest
 from pydantic import ValidationError
 
-from teleop_rt.config_realtime import LateConfig
+from teleop_rt.config.realtime import LateConfig
 from teleop_rt.realtime.lateness import ON_HARDWARE, Late, Lateness, late_ns
 
 MS = 1_000_000

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from jsonschema import validate
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import OutputError
 from teleop_rt.realtime.export import export
 from teleop_rt.realtime.lerobot import export_lerobot
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, columns
 
 parquet = pytest.importorskip("pyarrow.parquet")

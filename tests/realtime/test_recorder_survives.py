@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime import session as session_module
 from teleop_rt.realtime.export import recover
@@ -17,7 +18,6 @@ from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.session import RECORDER_STATE, Recorder, publish
-from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 from teleop_rt.trial.folder import write_json
 
@@ -185,7 +185,7 @@ def test_a_file_that_cannot_be_made_is_reported_with_its_path_and_the_cause(tmp_
 RECORDING = """
 import sys, time
 from pathlib import Path
-from teleop_rt.section import Units
+from teleop_rt.config.section import Units
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.session import Recorder
 session = Path(sys.argv[1])

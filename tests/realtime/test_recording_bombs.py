@@ -16,12 +16,12 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.mcap_records import unpack_chunk
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.recordings.memory import VARIABLE, most_bytes
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 
 MB = 1 << 20

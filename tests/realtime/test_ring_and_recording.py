@@ -6,6 +6,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime import reading
 from teleop_rt.realtime.mcap_index import count_messages, time_span
@@ -14,7 +15,6 @@ from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.ring_kernel import row_writer
 from teleop_rt.realtime.session import Recorder, publish
-from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
 TABLE = (

@@ -9,11 +9,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.outputs import OutputError
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ros2 import export_ros2
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, columns
 
 

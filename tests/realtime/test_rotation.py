@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_online
 from teleop_rt.realtime.export import export, recover
@@ -11,7 +12,6 @@ from teleop_rt.realtime.reading import read_metadata, read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.rotation import RotatingWriter, Sizes
 from teleop_rt.realtime.session import Recorder, publish
-from teleop_rt.section import Units
 from teleop_rt.signals import Signal
 
 TABLE = (Signal("stamp_ns", "ns", "time"), Signal("force", "{f}", "force"))

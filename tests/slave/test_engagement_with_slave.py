@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from teleop_rt.config import TrialConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.signals import MASTER, columns
 from teleop_rt.slave.faults import State

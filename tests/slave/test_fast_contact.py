@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.rig import Limits
 from teleop_rt.slave import coupling
 from teleop_rt.slave.catch_up import CatchUp
 from teleop_rt.slave.depth import LINEAR, NO_MODEL, depth_cap

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.rig import Limits
 from teleop_rt.slave.limiter import Limiter
 
 LIMITS = Limits(

@@ -7,8 +7,8 @@ import pytest
 from pydantic import ValidationError
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_reference import HomingConfig, ReferenceConfig, TareConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.reference import HomingConfig, ReferenceConfig, TareConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.homing import Homing, Phase

@@ -3,8 +3,8 @@ import math
 import pytest
 
 from teleop_rt.axis import AxisFault, Sample
-from teleop_rt.config_realtime import LateConfig
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.realtime import LateConfig
+from teleop_rt.config.rig import Limits
 from teleop_rt.realtime.lateness import ON_HARDWARE
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from teleop_rt.config_link import LinkConfig
+from teleop_rt.config.link import LinkConfig
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.rows import KELVIN_VOIGT, UNILATERAL

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_rig import Limits
-from teleop_rt.config_supervision import SupervisionConfig
+from teleop_rt.config.rig import Limits
+from teleop_rt.config.supervision import SupervisionConfig
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.record import TickRecord

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from teleop_rt.axis import Sample
-from teleop_rt.config_rig import Limits
+from teleop_rt.config.rig import Limits
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.hazards import Demand, force_exceeded, position_exceeded

@@ -13,6 +13,7 @@ from lean_install import without_pages
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -20,7 +21,6 @@ from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.estimators import trial_extension
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.trial.closed_loop import FOAM, closed, run_into
 from teleop_rt_dev.trial.files import TRIALS, load
 

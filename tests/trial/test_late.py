@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from teleop_rt.config_realtime import LateConfig
+from teleop_rt.config.realtime import LateConfig
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
 from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt.slave.faults import State

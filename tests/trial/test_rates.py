@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from teleop_rt.cli.wiring import open_bench
+from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import memory_link, run_lockstep
 from teleop_rt.trial.summary import summarise
-from teleop_rt.yaml_file import ConfigError
 from teleop_rt_dev.trial.files import SILICONE, silicone
 from teleop_rt_drivers.simulated.reference import environment_force
 

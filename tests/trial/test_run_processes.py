@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from teleop_rt.config_loader import load_trial
+from teleop_rt.config.loader import load_trial
 from teleop_rt.interrupts import Interrupts
 from teleop_rt.trial import run_processes as module
 from teleop_rt.trial.processes import Child, ProcessFailedError, TrialProcesses

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from teleop_rt.config.section import Units
 from teleop_rt.offline.on_line_error import cause_of_error
 from teleop_rt.offline.withdrawal import keep_or_withdraw, made_worse
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.section import Units
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 
 

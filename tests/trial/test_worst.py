@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from teleop_rt.section import Units
+from teleop_rt.config.section import Units
 from teleop_rt.trial import table
 from teleop_rt.trial.felt_force import Felt
 from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface

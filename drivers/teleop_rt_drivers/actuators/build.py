@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import can
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.actuators.codec import Codec, TorqueCodec
     from teleop_rt_drivers.actuators.config import ActuatorDeviceConfig
     from teleop_rt_drivers.actuators.part import ActuatorPart, CanActuatorPart, LineActuatorPart

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.config_supervision import UnsafeWord
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.supervision import UnsafeWord
 from teleop_rt_drivers.actuators.codec import AngleUnit
 from teleop_rt_drivers.actuators.mit import (
     DAMIAO_RANGES,
@@ -24,7 +24,7 @@ from teleop_rt_drivers.actuators.vesc import VescCodec, VescMotor
 from teleop_rt_drivers.bus import BusConfig
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.actuators.codec import TorqueCodec
 
 MitMotor = Literal[

@@ -15,7 +15,7 @@ from teleop_rt_drivers.actuators.feetech import FeetechCodec
 from teleop_rt_drivers.actuators.part import LineActuatorPart
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.actuators.codec import AngleUnit
 
 

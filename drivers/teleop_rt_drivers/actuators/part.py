@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
-from teleop_rt.section import Force, Position, Quantity
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.section import Force, Position, Quantity
+from teleop_rt.config.supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt_drivers.actuators.codec import RADIANS_PER_UNIT, AngleUnit
 from teleop_rt_drivers.bus import WATCHED_SHARE, BusConfig, stamp_deviation_s
 from teleop_rt_drivers.drivetrain import FORCE_NOT_COMPARED, DrivetrainConfig
@@ -22,7 +22,7 @@ from teleop_rt_drivers.framed.signal_config import ForceSignal, PositionSignal, 
 from teleop_rt_drivers.quantity import DriveZero, FromDrive
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.actuators.codec import Codec, LineCodec, TorqueCodec
 
 

@@ -18,7 +18,7 @@ from teleop_rt_drivers.registry import parts_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.actuators.codec import Frame
     from teleop_rt_drivers.framed.stream import ByteStream
 

@@ -17,7 +17,7 @@ from teleop_rt_drivers.calibration.weights import CalibrationError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.calibration.device_motion import SwingRecord
     from teleop_rt_drivers.calibration.rig_file import KeyPath
     from teleop_rt_drivers.transport import TransportTimes

@@ -13,7 +13,7 @@ from teleop_rt_drivers.registry import parts_of
 
 if TYPE_CHECKING:
     from teleop_rt.api.diagnosis import Diagnosis
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.calibration.rig_file import KeyPath
     from teleop_rt_drivers.calibration.torque_lag import TorqueLag
 

@@ -17,7 +17,7 @@ from teleop_rt_drivers.registry import parts_of
 
 if TYPE_CHECKING:
     from teleop_rt.axis import Axis
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.calibration.rig_file import KeyPath
     from teleop_rt_drivers.calibration.weights import ForceFit
     from teleop_rt_drivers.canopen.node_config import ForceReading

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from teleop_rt.config_loader import load_rig
+from teleop_rt.config.loader import load_rig
 from teleop_rt_drivers.calibration.weights import CalibrationError
 from teleop_rt_drivers.placeholders import without_placeholders
 from teleop_rt_drivers.registry import AXIS_SCHEMAS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from teleop_rt.section import Units
+from teleop_rt.config.section import Units
 
 WORDS = {
     "factor": ("correction factor for the scale in the file", ""),

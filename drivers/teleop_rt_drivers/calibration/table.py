@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from teleop_rt.axis import Axis, Device, Sample
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import load_trial
-from teleop_rt.config_operator import DeviceOperator
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.loader import load_trial
+from teleop_rt.config.operator import DeviceOperator
+from teleop_rt.config.rig import RigConfig
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt_drivers.calibration.weights import CalibrationError
 from teleop_rt_drivers.opening import open_axis, open_lock_step
 from teleop_rt_drivers.operator_device import open_device_of, simulated_device

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.api.diagnosis import diagnose
-from teleop_rt.config_loader import load_rig, load_trial
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.rig import RigConfig
 from teleop_rt.trial.folder import RECORDING, TRIAL
 from teleop_rt_drivers.calibration.device import device_keys, fit_device
 from teleop_rt_drivers.calibration.device_motion import TOO_FAR, swing

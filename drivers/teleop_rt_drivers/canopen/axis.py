@@ -31,7 +31,7 @@ from teleop_rt_drivers.transport import canopen_transport, timing_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.can_door import CanDoor
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.pdo import PdoCodec

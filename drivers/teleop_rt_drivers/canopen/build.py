@@ -17,7 +17,7 @@ from teleop_rt_drivers.quantity import FROM_DRIVE, Scale, plausible_force, plaus
 if TYPE_CHECKING:
     from canopen.objectdictionary import ObjectDictionary
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.canopen.counters import Counters
     from teleop_rt_drivers.canopen.drive_config import DriveConfig, ForceInputConfig, TorqueConfig

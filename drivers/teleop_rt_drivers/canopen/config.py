@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
-from teleop_rt.section import Section
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.section import Section
+from teleop_rt.config.supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt_drivers.bus import BusConfig
 from teleop_rt_drivers.canopen.drive_config import DriveConfig
 from teleop_rt_drivers.canopen.entries import NodeId, SyncId

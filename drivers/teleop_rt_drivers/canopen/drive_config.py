@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
-from teleop_rt.section import Damping, Force, Position, Quantity, Section, Stiffness
+from teleop_rt.config.section import Damping, Force, Position, Quantity, Section, Stiffness
+from teleop_rt.config.supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt_drivers.canopen.cia402 import ACTUAL_TORQUE
 from teleop_rt_drivers.canopen.entries import (
     Entry,

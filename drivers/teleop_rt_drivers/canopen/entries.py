@@ -8,7 +8,7 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, StringCo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from teleop_rt.section import Quantity
+from teleop_rt.config.section import Quantity
 
 Entry = Annotated[
     str,

@@ -8,7 +8,7 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_va
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from teleop_rt.section import Force, Position, Section
+from teleop_rt.config.section import Force, Position, Section
 from teleop_rt_drivers.canopen.entries import (
     Entry,
     ForcePerCount,

@@ -11,7 +11,7 @@ from teleop_rt_drivers.canopen.pdo import RPDO_COMMUNICATION, TPDO_COMMUNICATION
 from teleop_rt_drivers.canopen.sdo import BOOT_UP, ConfigurationBus, SdoNode
 
 if TYPE_CHECKING:
-    from teleop_rt.config_rig import Limits, RigConfig
+    from teleop_rt.config.rig import Limits, RigConfig
     from teleop_rt_drivers.canopen.config import CanopenPart, DaemonConfig
     from teleop_rt_drivers.canopen.drive_config import DriveConfig, TorqueConfig
     from teleop_rt_drivers.canopen.node_config import ForceConfig, NodeConfig, Resolution

@@ -30,7 +30,7 @@ from teleop_rt_drivers.transport import serial_transport, timing_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.drivetrain import Drivetrain
     from teleop_rt_drivers.framed.config import FramedPart
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig

@@ -7,9 +7,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_rig import AxisConfig
-from teleop_rt.config_supervision import LONGEST_WATCH_MS, UnsafeWord
-from teleop_rt.section import Section
+from teleop_rt.config.rig import AxisConfig
+from teleop_rt.config.section import Section
+from teleop_rt.config.supervision import LONGEST_WATCH_MS, UnsafeWord
 from teleop_rt_drivers.bus import WATCHED_SHARE, BusConfig, stamp_deviation_s
 from teleop_rt_drivers.framed.checksum import ChecksumKind
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig, FramedDriveConfig

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from teleop_rt.section import Force, Position, Quantity, Section
+from teleop_rt.config.section import Force, Position, Quantity, Section
 from teleop_rt_drivers.framed.signal_config import RawValue, Sign
 from teleop_rt_drivers.quantity import DriveZero
 

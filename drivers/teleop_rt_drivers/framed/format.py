@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationError, WithJsonSchema, model_validator
 
 from teleop_rt.axis import AxisError
-from teleop_rt.section import AnySize, Section
-from teleop_rt.yaml_file import ConfigError, read_yaml
+from teleop_rt.config.section import AnySize, Section
+from teleop_rt.config.yaml_file import ConfigError, read_yaml
 from teleop_rt_drivers.framed.checksum import ChecksumKind, checksum
 
 STRUCT = {

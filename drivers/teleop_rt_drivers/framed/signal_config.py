@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.section import Force, Position, Quantity, Section
+from teleop_rt.config.section import Force, Position, Quantity, Section
 
 Sign = Literal[1, -1]
 RawValue = Annotated[int, Field(ge=-(2**63), lt=2**64)]

@@ -6,8 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from teleop_rt.config import PlantConfig
-from teleop_rt.section import (
+from teleop_rt.config.section import (
     Damping,
     Force,
     ForceRate,
@@ -17,6 +16,7 @@ from teleop_rt.section import (
     Section,
     Stiffness,
 )
+from teleop_rt.config.trial import PlantConfig
 from teleop_rt_drivers.simulated.hidden_config import HiddenEffectConfig
 
 

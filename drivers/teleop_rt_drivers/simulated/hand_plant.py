@@ -30,8 +30,8 @@ from teleop_rt_drivers.simulated.plant import Plant
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from teleop_rt.config_device import DeviceBody
-    from teleop_rt.config_operator import DeviceOperator
+    from teleop_rt.config.device import DeviceBody
+    from teleop_rt.config.operator import DeviceOperator
     from teleop_rt_drivers.simulated.motion import Vector
     from teleop_rt_drivers.transport import TransportTimes
 

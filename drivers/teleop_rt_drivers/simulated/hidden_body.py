@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from teleop_rt.section import Force, Position, Quantity, Section, Stiffness, Velocity
+from teleop_rt.config.section import Force, Position, Quantity, Section, Stiffness, Velocity
 from teleop_rt_drivers.simulated import hidden
 
 Constants = dict[str, int]

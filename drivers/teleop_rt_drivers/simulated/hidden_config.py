@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from teleop_rt.section import Damping, Force, Mass, Position, Quantity, Velocity
+from teleop_rt.config.section import Damping, Force, Mass, Position, Quantity, Velocity
 from teleop_rt_drivers.simulated import hidden
 from teleop_rt_drivers.simulated.hidden_body import (
     Adhesion,

@@ -15,7 +15,7 @@ from teleop_rt_drivers.simulated.plant import Plant
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from teleop_rt.config_rig import RigConfig
+    from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 
     DeviceName = Literal["encoder", "force sensor", "drive"]

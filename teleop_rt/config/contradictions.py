@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from teleop_rt.config_operator import DeviceOperator, HandOperator, ProfileOperator
+from teleop_rt.config.operator import DeviceOperator, HandOperator, ProfileOperator
 
 if TYPE_CHECKING:
-    from teleop_rt.config import TrialConfig
+    from teleop_rt.config.trial import TrialConfig
 
 
 class ContradictionError(ValueError):

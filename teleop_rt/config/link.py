@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.section import Section
+from teleop_rt.config.section import Section
 
 Rate = Annotated[int, Field(ge=1, le=100_000)]
 Second = Annotated[float, Field(ge=0, le=86_400)]

@@ -6,11 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, SerializeAsAny, model_validator
 
-from teleop_rt.config_device import DeviceBody
-from teleop_rt.config_realtime import RealtimeConfig, RecordingConfig
-from teleop_rt.config_reference import ReferenceConfig
-from teleop_rt.config_supervision import SupervisionConfig, UnsafeWord
-from teleop_rt.section import (
+from teleop_rt.config.device import DeviceBody
+from teleop_rt.config.realtime import RealtimeConfig, RecordingConfig
+from teleop_rt.config.reference import ReferenceConfig
+from teleop_rt.config.section import (
     Acceleration,
     Force,
     Position,
@@ -19,6 +18,7 @@ from teleop_rt.section import (
     Units,
     Velocity,
 )
+from teleop_rt.config.supervision import SupervisionConfig, UnsafeWord
 
 
 class AxisConfig(Section):

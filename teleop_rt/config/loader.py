@@ -8,12 +8,11 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from teleop_rt.config import PlantConfig, TrialConfig
-from teleop_rt.config_problems import follows_from_others, problems_of
-from teleop_rt.config_rig import AxisConfig, RigConfig
-from teleop_rt.section import Section, Units
-from teleop_rt.shipped import example, example_names, meant
-from teleop_rt.yaml_file import (
+from teleop_rt.config.problems import follows_from_others, problems_of
+from teleop_rt.config.rig import AxisConfig, RigConfig
+from teleop_rt.config.section import Section, Units
+from teleop_rt.config.trial import PlantConfig, TrialConfig
+from teleop_rt.config.yaml_file import (
     OVERRIDE,
     ConfigError,
     ConfigProblem,
@@ -22,6 +21,7 @@ from teleop_rt.yaml_file import (
     parse_scalar,
     read_yaml,
 )
+from teleop_rt.shipped import example, example_names, meant
 
 FILES: tuple[tuple[str, ...], ...] = (("rig",), ("extended_model",), ("operator", "rig"))
 """Keys of a trial that may name a file in the place of their contents."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.section import (
+from teleop_rt.config.section import (
     Force,
     ForceRate,
     Position,

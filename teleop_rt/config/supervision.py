@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from teleop_rt.section import Damping, Force, Quantity, Section
+from teleop_rt.config.section import Damping, Force, Quantity, Section
 
 UnsafeWord = Literal[
     "connection_loss", "watchdog", "device_timeout", "force_comparison", "position_comparison"

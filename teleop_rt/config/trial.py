@@ -1,9 +1,8 @@
 """The schema of trials: bounds beside each field, unknown keys refused.
 
-Rigs are in `config_rig.py`, operators in `config_operator.py`, the master's side in
-`config_master.py`, the link in `config_link.py`, what sections demand of each other in
-`config_contradictions.py`. `yaml_file.py` reads files and `config_loader.py`
-turns them into these models.
+Rigs are in `rig.py`, operators in `operator.py`, the master's side in `master.py`, the link in
+`link.py`, what sections demand of each other in `contradictions.py`. `yaml_file.py` reads files and
+`loader.py` turns them into these models.
 """
 
 from __future__ import annotations
@@ -12,14 +11,14 @@ from typing import Literal
 
 from pydantic import Field, SerializeAsAny, model_validator
 
-from teleop_rt.config_contradictions import ContradictionError, contradictions
-from teleop_rt.config_extended import ExtendedModelConfig
-from teleop_rt.config_link import LinkConfig
-from teleop_rt.config_master import CouplingConfig, MasterConfig, Mode
-from teleop_rt.config_operator import OperatorConfig
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.contradictions import ContradictionError, contradictions
+from teleop_rt.config.extended import ExtendedModelConfig
+from teleop_rt.config.link import LinkConfig
+from teleop_rt.config.master import CouplingConfig, MasterConfig, Mode
+from teleop_rt.config.operator import OperatorConfig
+from teleop_rt.config.rig import RigConfig
+from teleop_rt.config.section import Force, Section, Velocity
 from teleop_rt.ids import RegressionId, SolverId
-from teleop_rt.section import Force, Section, Velocity
 
 ModelId = Literal[
     "mass", "kelvin-voigt", "kelvin-voigt-unilateral", "mass-spring-damper", "hunt-crossley"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from teleop_rt.section import (
+from teleop_rt.config.section import (
     Section,
 )
 

@@ -14,12 +14,12 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import CoreSchema, core_schema
 
-from teleop_rt.config import TrialConfig
-from teleop_rt.config_loader import FILES, dump
-from teleop_rt.config_operator import DeviceOperator
-from teleop_rt.config_rig import RigConfig
+from teleop_rt.config.loader import FILES, dump
+from teleop_rt.config.operator import DeviceOperator
+from teleop_rt.config.rig import RigConfig
+from teleop_rt.config.section import Section, Units
+from teleop_rt.config.trial import TrialConfig
 from teleop_rt.json_schema import DIALECT
-from teleop_rt.section import Section, Units
 
 Schema = dict[str, Any]
 Parts = Mapping[type[Section], tuple[type[Section], ...]]

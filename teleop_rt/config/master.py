@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.section import Damping, Force, Mass, Quantity, Section, Stiffness, Velocity
+from teleop_rt.config.section import Damping, Force, Mass, Quantity, Section, Stiffness, Velocity
 
 Mode = Literal["model-mediated", "direct", "tdpa", "four-channel"]
 

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.config_device import DeviceBody
-from teleop_rt.config_rig import RigConfig
-from teleop_rt.section import Damping, Force, Mass, Position, Section, Stiffness, Velocity
+from teleop_rt.config.device import DeviceBody
+from teleop_rt.config.rig import RigConfig
+from teleop_rt.config.section import Damping, Force, Mass, Position, Section, Stiffness, Velocity
 
 
 class ProfileOperator(Section):

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from teleop_rt.section import (
+from teleop_rt.config.section import (
     Damping,
     Force,
     Mass,

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from teleop_rt.section import AnySize, Section
+from teleop_rt.config.section import AnySize, Section
 
 
 class FittedEffectConfig(Section):

@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic_core import ErrorDetails
 
-from teleop_rt.config_contradictions import ContradictionError
-from teleop_rt.section import MissingUnit, Section, Units
-from teleop_rt.yaml_file import ConfigProblem, Document, KeyPath
+from teleop_rt.config.contradictions import ContradictionError
+from teleop_rt.config.section import MissingUnit, Section, Units
+from teleop_rt.config.yaml_file import ConfigProblem, Document, KeyPath
 
 _ONE = r"[num\u00b5]?(?:m|s|N|Nm|rad)|k(?:N|Nm|Hz|hz)|cm|deg|rev|min|hz|Hz|kg|in|lbf"
 _UNIT = re.compile(rf"(.+?)_((?:{_ONE})(?:_s)?(?:_per_(?:{_ONE}))?)")
