@@ -60,7 +60,7 @@ install_packages() { # $1: the extras
     "$repo/.venv/bin/python" -m pip install --disable-pip-version-check --no-compile "${wanted[@]}"
 }
 
-what_a_run_loads='import teleop_rt.cli.whole_run; from teleop_rt.jit import load_compiler; load_compiler()'
+what_a_run_loads='import teleop_rt.cli.whole_run; from teleop_rt.kernels.jit import load_compiler; load_compiler()'
 
 # Where Python may not write what it has compiled, every process would compile it all again.
 compile_modules() {

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.errors import ExpectedError
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.record import record_type
 
 
 class AxisFault(IntEnum):

@@ -6,7 +6,7 @@ import numba
 import pytest
 from numba.core import compiler
 
-from teleop_rt.jit import inlined_kernel, kernel
+from teleop_rt.kernels.jit import inlined_kernel, kernel
 
 
 @kernel
@@ -48,7 +48,7 @@ def test_a_kernel_that_a_kernel_has_taken_in_is_complete_for_python_and_as_a_poi
 
 def test_the_flavour_of_a_kernel_for_kernels_cannot_be_called_by_python():
     assert quartered(8.0) == 2.0
-    # No public name leads to it, so that nobody calls it but by a mistake in `inner_kernel`.
+    # No public name leads to it, so that nobody calls it but by a mistake in `kernels/inner.py`.
     with pytest.raises(TypeError, match="halved: only kernels call this flavour"):
         halved._inner(8.0)
 
@@ -64,8 +64,8 @@ def test_an_inlined_kernel_computes_what_its_source_says():
 
 BRANCHES = """
 from pathlib import Path
-from teleop_rt import jit
-from teleop_rt.jit import kernel
+from teleop_rt.kernels import jit
+from teleop_rt.kernels.jit import kernel
 
 @kernel
 def deepest(x: float) -> float:
@@ -133,7 +133,8 @@ print(*[name for name in ("numba.cpython.listobj", "numba.typed.dictimpl") if na
 
 def test_code_from_the_cache_is_loaded_without_what_only_compiling_needs(tmp_path):
     (tmp_path / "kernels.py").write_text(
-        "from teleop_rt.jit import kernel\n@kernel\ndef twice(x: float) -> float: return 2.0 * x\n"
+        "from teleop_rt.kernels.jit import kernel\n"
+        "@kernel\ndef twice(x: float) -> float: return 2.0 * x\n"
     )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     compiling, loading = (

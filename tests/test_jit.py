@@ -10,27 +10,28 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
-from teleop_rt import compile_lock, contact, jit
+from teleop_rt import contact
 from teleop_rt.estimation import bank_kernels, cycle, solvers
 from teleop_rt.estimation.layout import WHOLE
 from teleop_rt.estimation.state import new_state
-from teleop_rt.jit import cache_root, fingerprint, kernel, machine, sources_of
+from teleop_rt.kernels import compile_lock, jit
+from teleop_rt.kernels.jit import cache_root, fingerprint, kernel, machine, sources_of
 
 PROGRAM = """
 import sys
-import teleop_rt.estimation.filters, teleop_rt.estimation.pipeline, teleop_rt.jit
+import teleop_rt.estimation.filters, teleop_rt.estimation.pipeline, teleop_rt.kernels.jit
 
-@teleop_rt.jit.kernel
+@teleop_rt.kernels.jit.kernel
 def twice(x: float) -> float:
     return 2.0 * x
 
 twice(21.0)
 teleop_rt.estimation.filters.design("svf", 40.0, 1e-3)
-print(teleop_rt.jit._ROOT, *{"scipy.linalg", "cffi"} & set(sys.modules))
+print(teleop_rt.kernels.jit._ROOT, *{"scipy.linalg", "cffi"} & set(sys.modules))
 """
 
 TWICE = """
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 @kernel
 def twice(x: float) -> float:
@@ -174,7 +175,7 @@ def test_a_kernel_that_allocates_is_refused():
 def test_a_kernels_sources_are_its_file_and_all_of_ours_that_it_imports(tmp_path):
     user = tmp_path / "user.py"
     user.write_text(
-        "import os\nfrom teleop_rt.jit import kernel\nfrom teleop_rt.contact import (\n"
+        "import os\nfrom teleop_rt.kernels.jit import kernel\nfrom teleop_rt.contact import (\n"
         "    base_effects,\n)\n"
     )
     found = sources_of(user)

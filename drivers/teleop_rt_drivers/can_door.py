@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import kernel
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.jit import kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt.realtime.packets import Packets
 from teleop_rt.realtime.system_calls import monotonic_ns, receive_packets, send_bytes
 

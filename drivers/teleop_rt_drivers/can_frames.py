@@ -10,7 +10,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.can_door import UNUSUAL, take_packets
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 FORGETTING = 0.999
 """Per sample of offset and rate: a memory of 1000 samples."""

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from teleop_rt.axis import Sample, sample_place
 from teleop_rt.config.rig import AxisConfig
 from teleop_rt.config.supervision import UnsafeWord
-from teleop_rt.jit import bound, kernel
+from teleop_rt.kernels.jit import bound, kernel
 from teleop_rt_drivers.actuators.config import CanActuator
 from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart
 from teleop_rt_drivers.canopen.config import CanopenPart

@@ -31,7 +31,7 @@ from teleop_rt.estimation.precompile import compile_ticks, is_compiled
 from teleop_rt.estimation.rows import whole_for
 from teleop_rt.extras import install_command
 from teleop_rt.interrupts import INTERRUPTED, Interrupts
-from teleop_rt.jit import kernel_folder
+from teleop_rt.kernels.jit import kernel_folder
 from teleop_rt.link import packet_kernels
 from teleop_rt.master.rendered_effects import RenderedEffects
 from teleop_rt.realtime import lateness

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.contact.law import damped_velocity, damping_at, spring_force, touches
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

@@ -15,7 +15,7 @@ from teleop_rt.contact.slow_onset import (
     POINTS,
     surface_behind_averages,
 )
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Matrix = NDArray[np.float64]
 

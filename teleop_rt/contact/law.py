@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.jit import shared
+from teleop_rt.kernels.jit import shared
 
 MOST_LOG_FORCE = 50.0
 """Largest |ln f| of a force [rig unit]: e⁵⁰ is beyond any force, and its square still a number."""

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 # Samples in the air that are looked at beside the rise, at least.
 LEAST_AIR = 32

@@ -13,7 +13,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.onset import LEAST_AIR
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 POINTS = 4
 """Of the path in each sample: at 80 samples a second 3 ms apart, or 0.1 mm at 40 mm/s."""

@@ -7,7 +7,7 @@ unit: phi is then per that unit.
 from __future__ import annotations
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 # Integrals of a window: t, then single (J) and double (JJ) integrals of the named integrands.
 (

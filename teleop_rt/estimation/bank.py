@@ -14,7 +14,7 @@ from teleop_rt.estimation import layout
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank_kernels import bank_step, reset_row
 from teleop_rt.ids import SOLVERS
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.uint8]

@@ -51,7 +51,7 @@ from teleop_rt.estimation.layout import (
     Whole,
 )
 from teleop_rt.estimation.solvers import recursive_step
-from teleop_rt.jit import inlined_kernel, kernel
+from teleop_rt.kernels.jit import inlined_kernel, kernel
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.uint8]

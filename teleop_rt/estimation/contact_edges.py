@@ -9,7 +9,7 @@ from teleop_rt.estimation import layout, selection
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.bank_kernels import forget_row, reset_row, soften_row
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 CANDIDATE_S = 1e-3
 """Time for each candidate surface: all are tried before a tool that lifted off comes again."""

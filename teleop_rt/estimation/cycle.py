@@ -27,7 +27,7 @@ from teleop_rt.estimation.row_equations import (
     predict_by,
 )
 from teleop_rt.estimation.sensing import sense
-from teleop_rt.jit import kernel, shared
+from teleop_rt.kernels.jit import kernel, shared
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]

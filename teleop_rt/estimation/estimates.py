@@ -12,7 +12,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import layout
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.physical import NONE, write_hunt_crossley, write_linear
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Matrix = NDArray[np.float64]
 StoredPlaces = NDArray[np.record]

@@ -9,7 +9,7 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 EARLY_SHARE = 0.25
 """Share of a period by which a stamp may lie before its place: jitter of stamps is no gap."""

@@ -21,7 +21,7 @@ from teleop_rt.estimation.layout import (
     THETA,
 )
 from teleop_rt.estimation.solvers import propagate_noise
-from teleop_rt.jit import inlined_kernel, kernel
+from teleop_rt.kernels.jit import inlined_kernel, kernel
 
 LARGEST_INFORMATION = 1e15
 """Trace of the information matrix at which it is scaled down, before numbers overflow."""

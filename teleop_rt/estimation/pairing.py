@@ -29,7 +29,7 @@ from teleop_rt.estimation.pair_kernels import (
     take_sample,
     take_values,
 )
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 
 Flags = NDArray[np.bool_]
 

@@ -15,7 +15,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation import layout
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Matrix = NDArray[np.float64]
 

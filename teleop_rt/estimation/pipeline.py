@@ -33,7 +33,7 @@ from teleop_rt.estimation.streamed import Streaming
 from teleop_rt.estimation.surface_motion import SurfaceMotion
 from teleop_rt.estimation.terms import Terms
 from teleop_rt.estimation.trace import Trace
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 
 __all__ = ["Pipeline", "PipelineSettings"]
 

@@ -20,7 +20,7 @@ from teleop_rt.estimation import cycle
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.layout import Whole
 from teleop_rt.interrupts import INTERRUPTED, INTERRUPTS
-from teleop_rt.jit import kernel_folder, load_compiler
+from teleop_rt.kernels.jit import kernel_folder, load_compiler
 
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(index.new_state()[0])

@@ -20,7 +20,7 @@ from teleop_rt.estimation.algebraic import (
     mass_regression,
     mass_spring_damper_regression,
 )
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

@@ -14,7 +14,7 @@ from teleop_rt.estimation import state as index
 from teleop_rt.estimation.regressors import algebraic_row, by_surface, direct_row, model_force
 from teleop_rt.estimation.sensing import log_gate
 from teleop_rt.estimation.windows import advance_contact_windows, advance_log_pair, older_window
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.layout import MAX_PARAMETERS, THETA
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Matrix = NDArray[np.float64]
 Flags = NDArray[np.uint8]

@@ -27,7 +27,7 @@ from teleop_rt.estimation.filters import (
 )
 from teleop_rt.estimation.regressors import model_force
 from teleop_rt.estimation.windows import advance_contact_windows, advance_log_pair
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 GATE_CLOSES, GATE_OPENS = 5.0, 6.0
 """Expected force [deviations of noise] below which logarithms end, and above which they begin."""

@@ -44,7 +44,7 @@ from teleop_rt.estimation.layout import (
     THETA,
     Whole,
 )
-from teleop_rt.jit import inlined_kernel, kernel
+from teleop_rt.kernels.jit import inlined_kernel, kernel
 
 LARGEST_GRADIENT = 1e12
 """Magnitude of the gradient by lambda from which it restarts."""

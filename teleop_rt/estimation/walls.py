@@ -19,7 +19,7 @@ from teleop_rt.estimation import layout, selection
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.physical import NONE, hunt_crossley
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Matrix = NDArray[np.float64]
 Plans = NDArray[np.float64]

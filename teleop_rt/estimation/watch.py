@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 (
     SUM,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from teleop_rt.estimation import algebraic
 from teleop_rt.estimation import state as index
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

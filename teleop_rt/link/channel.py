@@ -13,7 +13,7 @@ from typing import Literal
 
 from cryptography.exceptions import InvalidTag
 
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt.link import intake
 from teleop_rt.link.budget import Budget
 from teleop_rt.link.codec import (

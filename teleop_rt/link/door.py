@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import kernel
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.jit import kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt.link.codec import HEADER_BYTES
 from teleop_rt.link.intake import SEQUENCE, is_expected, put_whole
 from teleop_rt.link.noise import NONCE_BYTES, NONCE_NUMBER_AT

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from teleop_rt.jit import kernel, shared
+from teleop_rt.kernels.jit import kernel, shared
 from teleop_rt.link import codec
 from teleop_rt.link.messages import Kind
 from teleop_rt.link.noise import TAG_BYTES

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import bound, kernel
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.jit import bound, kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt.link import codec
 from teleop_rt.link.intake import PEER_STAMP, PEER_STAMP_TAKEN, put_whole
 from teleop_rt.link.noise import NONCE_BYTES, NONCE_NUMBER_AT

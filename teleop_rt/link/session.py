@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from cryptography.exceptions import InvalidTag
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.link import noise
 from teleop_rt.link.codec import HEADER_BYTES
 from teleop_rt.link.messages import MessageError

@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt.master.tank import Tank
 from teleop_rt.master.wall_law import felt, within
 from teleop_rt.master.walls import NO_WALL, Wall

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import bound, kernel
+from teleop_rt.kernels.jit import bound, kernel
 
 CALM_S = 0.05
 """A port without force for so long is out of contact."""

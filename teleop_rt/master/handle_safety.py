@@ -18,8 +18,8 @@ from teleop_rt.axis import NO_AXIS_FAULT, Sample
 from teleop_rt.config.device import EnablingSwitch
 from teleop_rt.config.rig import Limits
 from teleop_rt.config.supervision import UnsafeWord
-from teleop_rt.jit import bound, kernel
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.jit import bound, kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt.master import handle_faults as faults
 
 STALE_S = 0.010

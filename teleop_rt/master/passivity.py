@@ -39,7 +39,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import bound, kernel
+from teleop_rt.kernels.jit import bound, kernel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

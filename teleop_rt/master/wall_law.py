@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from teleop_rt.contact.law import damping_at, depth_of, spring_energy, spring_force, touches
-from teleop_rt.jit import kernel, shared
+from teleop_rt.kernels.jit import kernel, shared
 
 _LARGEST_LOGARITHM = 700.0
 """Of a float, which has no larger power of e."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config.realtime import LateConfig
-from teleop_rt.jit import kernel, shared
+from teleop_rt.kernels.jit import kernel, shared
 
 Counts = NDArray[np.int64]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import bound, kernel
+from teleop_rt.kernels.jit import bound, kernel
 from teleop_rt.realtime.ring import CAPACITY_WORD, COUNT_WORD, HEADER_WORDS, RingWriter, Row
 from teleop_rt.realtime.system_calls import keep_order
 

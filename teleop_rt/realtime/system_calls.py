@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from teleop_rt.jit import kernel
-from teleop_rt.lean_numba import numba
+from teleop_rt.kernels.jit import kernel
+from teleop_rt.kernels.lean_numba import numba
 from teleop_rt.realtime.packets import SENDER_BYTES
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from math import perm
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 _FAST = np.unique(
     [2**i * 3**j * 5**k for i in range(32) for j in range(20) for k in range(14)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.recordings.filters import pieces
 
 GAP = 1.75

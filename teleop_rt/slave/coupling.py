@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from teleop_rt.config.master import CouplingConfig, Mode
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.slave.record import Tick
 
 MODEL, DIRECT, PASSIVE, TOOL = range(4)

@@ -12,7 +12,7 @@ import numpy as np
 from teleop_rt.estimation.estimates import write_logged
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import OFFSET, RowSpec
-from teleop_rt.jit import bound, kernel
+from teleop_rt.kernels.jit import bound, kernel
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.ring_kernel import put, ring_words
 from teleop_rt.signals import Signal

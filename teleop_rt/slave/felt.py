@@ -11,7 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import damped_velocity, linear_force, power_force, touches
 from teleop_rt.estimation import rows
 from teleop_rt.estimation.walls import AMPLITUDES, COUNT, MODEL, OFFSET, SURFACE, B, K, N
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.link.messages import MOST_EFFECTS
 
 Matrix = NDArray[np.float64]

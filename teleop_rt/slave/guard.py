@@ -36,7 +36,7 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.slave.pace import DEPTH_SHARE, PROBING_SHARE, stopping_speed
 from teleop_rt.slave.record import Tick, TickRecord
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 HOLD_AFTER_MS, STOP_AFTER_MS = 3.0, 20.0
 """Time without a usable sample after which the axis holds, and stops."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from teleop_rt.config.rig import Limits
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.slave.record import Tick, TickRecord
 
 _SAME_POSITION = 1e-12

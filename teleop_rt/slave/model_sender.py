@@ -12,7 +12,7 @@ from teleop_rt.config.link import LinkConfig
 from teleop_rt.contact.fitted import code_of, slopes
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.streamed import Matrix, Streaming
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt.link.bodies import new_model
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, Kind

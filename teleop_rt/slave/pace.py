@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from teleop_rt.config.rig import RigConfig
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.slave.record import Tick
 
 DEPTH_SHARE = 0.9

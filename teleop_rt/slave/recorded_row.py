@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_rt.jit import bound, kernel
+from teleop_rt.kernels.jit import bound, kernel
 from teleop_rt.realtime.ring_kernel import put, ring_words
 
 if TYPE_CHECKING:

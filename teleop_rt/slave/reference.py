@@ -7,7 +7,7 @@ from typing import Any
 from teleop_rt.axis import Sample
 from teleop_rt.config.reference import ReferenceConfig
 from teleop_rt.config.rig import Limits
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import Fault, State
 from teleop_rt.slave.homing import Homing, Phase

@@ -5,7 +5,7 @@ from __future__ import annotations
 from teleop_rt.axis import Sample
 from teleop_rt.config.realtime import LateConfig
 from teleop_rt.config.rig import Limits
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.realtime import lateness
 from teleop_rt.realtime.lateness import ON_HARDWARE, Counts, Lateness
 from teleop_rt.slave import faults, hazards

@@ -23,8 +23,8 @@ from teleop_rt.estimation.walls import (
     M,
     N,
 )
-from teleop_rt.jit import kernel
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.jit import kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt.link.codec import WIRE_CODES
 from teleop_rt.link.messages import MOST_EFFECTS
 from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR

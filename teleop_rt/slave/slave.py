@@ -14,7 +14,7 @@ from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation.contact_found import Contact
 from teleop_rt.estimation.pipeline import Pipeline
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt.link.bodies import new_state
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind

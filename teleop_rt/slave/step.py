@@ -14,7 +14,7 @@ from teleop_rt.axis import Sample, StoredSample
 from teleop_rt.contact import detection
 from teleop_rt.estimation import selection, watch
 from teleop_rt.estimation import state as estimation
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.link import intake
 from teleop_rt.link import statistics as counted
 from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state

@@ -12,7 +12,7 @@ from typing import cast
 from teleop_rt.axis import Sample, SampleFields
 from teleop_rt.config.rig import Limits
 from teleop_rt.config.supervision import SupervisionConfig, UnsafeWord
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import FAULTS, Fault
 from teleop_rt.slave.record import Tick, TickRecord

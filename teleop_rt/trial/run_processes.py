@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.interrupts import deferred_interrupts
-from teleop_rt.jit import load_compiler
+from teleop_rt.kernels.jit import load_compiler
 from teleop_rt.link.keys import generate_key
 from teleop_rt.realtime.leftovers import began_ns
 from teleop_rt.realtime.session import describe, new_session

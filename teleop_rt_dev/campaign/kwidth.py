@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.config.operator import DeviceOperator
 from teleop_rt.config.rig import RigConfig
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.master.build import make_port
 from teleop_rt.master.passivity import PassivityBound, Port
 from teleop_rt_dev.hands import best_wall

@@ -151,7 +151,7 @@ def test_a_compliance_in_series_makes_springs_add_as_springs_do() -> None:
 
 USER_FILE = """
 from teleop_rt.contact.effect import Amplitude, Effect, Shape
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

@@ -7,7 +7,7 @@ from teleop_rt.contact.effect import Amplitude, Effect, Shape
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, record
 
 

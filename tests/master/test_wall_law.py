@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt.master.wall_law import felt
 from teleop_rt.master.walls import NO_WALL, Wall
 

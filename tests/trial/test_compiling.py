@@ -1,7 +1,7 @@
 """The report of a run on what it compiles."""
 
-from teleop_rt import jit
 from teleop_rt.cli import whole_run
+from teleop_rt.kernels import jit
 from teleop_rt_dev.trial.files import silicone
 
 

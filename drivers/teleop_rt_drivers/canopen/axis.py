@@ -16,7 +16,7 @@ import can
 import numpy as np
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.can_frames import REMOTE, single_sender_of
 from teleop_rt_drivers.canopen import build, eds, setup
 from teleop_rt_drivers.canopen.config import CanopenDeviceConfig

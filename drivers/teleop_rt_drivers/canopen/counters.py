@@ -7,7 +7,7 @@ from collections.abc import Iterator, MutableMapping
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 REASONS = (
     "wrong_length",

@@ -6,7 +6,7 @@ import functools
 import math
 from typing import TYPE_CHECKING
 
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.can_door import LENGTH_SHIFT
 from teleop_rt_drivers.canopen import cia402, exchange
 from teleop_rt_drivers.canopen.channel import Replies

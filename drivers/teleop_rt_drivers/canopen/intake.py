@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.axis import Sample
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt_drivers.can_frames import DATA_AT, LENGTH_AT
 from teleop_rt_drivers.canopen.counters import CODES, TOTAL, add_up
 from teleop_rt_drivers.canopen.source import NOWHERE, SourceRecord, new_reading

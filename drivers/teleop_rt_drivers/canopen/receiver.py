@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisFault, Sample
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.can_door import UNUSUAL
 from teleop_rt_drivers.can_frames import (
     ERROR,

@@ -12,7 +12,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.record import record_type
 
 NOWHERE, NOBODY = -1, -1
 

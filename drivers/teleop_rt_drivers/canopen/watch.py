@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.axis import AxisFault
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt_drivers.canopen.sdo import BOOT_UP
 
 OPERATIONAL = 5

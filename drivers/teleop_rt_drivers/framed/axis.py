@@ -8,7 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive

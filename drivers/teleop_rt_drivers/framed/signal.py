@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.device_clock import DeviceClock
 from teleop_rt_drivers.framed import taking
 

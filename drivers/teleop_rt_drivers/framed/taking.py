@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import kernel
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.jit import kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt_drivers.device_clock import take_count
 
 if TYPE_CHECKING:

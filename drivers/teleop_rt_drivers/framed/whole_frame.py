@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.jit import bound, kernel
-from teleop_rt.kernel_record import record_type
+from teleop_rt.kernels.jit import bound, kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt.realtime.system_calls import read_bytes, read_delivered
 from teleop_rt_drivers.framed import taking
 from teleop_rt_drivers.framed.format import SIZE

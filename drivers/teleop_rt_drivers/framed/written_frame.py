@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from teleop_rt.jit import bound, kernel
+from teleop_rt.kernels.jit import bound, kernel
 from teleop_rt.realtime.system_calls import write_bytes
 from teleop_rt_drivers.framed.remainder import NONE, Bytes, StoredCheck, Table, check_of
 from teleop_rt_drivers.framed.whole_frame import FLOAT, SIGNED, SINGLE, UNSIGNED, described

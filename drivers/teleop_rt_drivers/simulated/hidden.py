@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 if TYPE_CHECKING:
     import numpy as np

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 from teleop_rt_drivers.simulated import hidden, motion
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_rt.jit import bound
+from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.simulated import hidden
 from teleop_rt_drivers.simulated.hidden_motion import N_ALL, STAGES, advance_hidden
 from teleop_rt_drivers.simulated.motion import (

@@ -6,7 +6,7 @@ from math import exp
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
 from teleop_rt.contact.law import touches
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

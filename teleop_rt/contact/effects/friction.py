@@ -6,7 +6,7 @@ from dataclasses import replace
 from math import exp, tanh
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

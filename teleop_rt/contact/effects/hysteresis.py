@@ -9,7 +9,7 @@ from math import exp, tanh
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.contact.effects.friction import presliding
 from teleop_rt.contact.law import touches
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 _SLIDERS = 6  # elements of an Iwan model, with yield travels in geometric steps
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.contact.effects.stiffening import CENTRE
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import cos, exp, log1p, pi, sin, sqrt
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import pi, sin
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 
 @kernel

@@ -28,7 +28,7 @@ Beyond {beyond:g} times the range seen it stays as it is there.
 """
 
 {imports}from teleop_rt.contact.effect import Amplitude, Effect, Shape
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 {constants}
 

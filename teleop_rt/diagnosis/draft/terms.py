@@ -20,7 +20,7 @@ from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.simulate import first_order
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 Group = Literal["position", "velocity", "acceleration", "past", "time", "force"]
 GROUPS: tuple[Group, ...] = ("position", "velocity", "acceleration", "past", "time", "force")

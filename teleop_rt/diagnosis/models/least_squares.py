@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Matrix, Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 _WEAKEST = 1e-5  # of a row's length beyond the others; below it singular values decide
 _SWEEPS, _STILL = 10_000, 1e-12  # of a coordinate descent, and the step [of a range] that ends it

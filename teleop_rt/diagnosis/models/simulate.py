@@ -12,7 +12,7 @@ from numba.experimental.function_type import _get_wrapper_address
 
 from teleop_rt.contact.effect import Effect, StepFunction, Vector
 from teleop_rt.contact.law import damping_at, spring_force, touches
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 _F8 = types.float64
 _ROW = types.Array(_F8, 1, "C")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Matrix, Vector
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 _UPDATES = 400  # rounds in which the weights of the colours settle
 _VANISHING_WEIGHT = 1e-3  # of all weights; a colour with less does not count

@@ -15,7 +15,7 @@ from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.simulate import first_order
 from teleop_rt.diagnosis.noise.whiten import Whitener
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
-from teleop_rt.jit import kernel
+from teleop_rt.kernels.jit import kernel
 
 _MEMORIES_S = (0.004, 0.012, 0.04, 0.12, 0.4, 1.2, 4.0)
 """Time constants [s], half a decade apart, from a few samples to the length of a record."""

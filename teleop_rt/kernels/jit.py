@@ -26,10 +26,10 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.lean_numba import binding, numba
+from teleop_rt.kernels.lean_numba import binding, numba
 
 # isort: split
-from teleop_rt.inner_kernel import Kernel
+from teleop_rt.kernels.inner import Kernel
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -215,7 +215,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     A kernel allocates nothing: it writes into arrays that it is given. So it is compiled without
     numba's memory management (`_nrt`), whose reference counts of every row and slice took half of
     the bank's tick, and numba refuses one that does allocate. Kernels that call it take its inner
-    flavour in (`inner_kernel`).
+    flavour in (`inner.py`).
     Floating point stays IEEE (no fast-math): the guards against not-a-number depend on it. The
     cache is asked for only where a folder can be written, for `njit(cache=True)` without one
     raises at import and would keep the daemon from starting on a read-only system. Nor is a file

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 from numba.core import caching, codegen, compiler, registry, sigutils, targetconfig
 
-from teleop_rt.compile_lock import only_process
+from teleop_rt.kernels.compile_lock import only_process
 
 _compile_extra: Any = compiler.compile_extra
 _Flags: Any = compiler.Flags
