@@ -17,6 +17,8 @@ from teleop_rt.kernels.jit import shared
 
 MOST_LOG_FORCE = 50.0
 """Largest |ln f| of a force [rig unit]: e⁵⁰ is beyond any force, and its square still a number."""
+EXPONENT_LEAST, EXPONENT_MOST = 0.3, 20.0
+"""Exponents n of an estimate that may be of a wall; one beyond them is no estimate."""
 
 
 @overload

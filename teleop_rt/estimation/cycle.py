@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from teleop_rt.contact import detection
 from teleop_rt.contact import surface as surface_fit
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import EXPONENT_LEAST, EXPONENT_MOST
 from teleop_rt.estimation import layout, selection, watch
 from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
@@ -58,27 +59,35 @@ def track_excursions(state: index.BankState, x: float) -> None:
 
 
 @kernel
+def of_a_wall(code: int, value: float) -> bool:
+    """Return whether a stiffness, or the exponent of a Hunt-Crossley row, may be of a wall."""
+    if code == row_kinds.HUNT_CROSSLEY:
+        return EXPONENT_LEAST <= value <= EXPONENT_MOST
+    return value > 0.0
+
+
+@kernel
 def possible_choice(state: index.BankState, r: int) -> int:
-    """Return whether a row may be chosen: by readiness, and signs of its mass and stiffness.
+    """Return whether a row may be chosen: by its values, readiness, and sure signs.
 
     A free motion's row, which is ready in free air, must first have predicted a contact where the
     others are rows of contact.
     """
-    code = state.codes[r]
-    if state.bank[r, layout.READY] == 0.0:
-        return selection.IMPOSSIBLE
+    code, ready = state.codes[r], state.bank[r, layout.READY] > 0.0
     if is_free(code):
         compared_s = state.records[r, selection.COMPARED] * state.settings[index.PERIOD]
         tried = state.settings[index.ONLY_FREE] > 0.0 or compared_s >= selection.LEAST_SCORED_S
         return (
             selection.IDENTIFIED
-            if tried and surely_positive(state, r, 0, NONE)
+            if ready and tried and surely_positive(state, r, 0, NONE)
             else selection.IMPOSSIBLE
         )
     place = (
         1 if code == row_kinds.MASS_SPRING_DAMPER else 2 if code == row_kinds.HUNT_CROSSLEY else 0
     )
-    if not surely_positive(state, r, place, place):
+    if not of_a_wall(code, state.bank[r, layout.THETA + place]):
+        return selection.REFUSED
+    if not (ready and surely_positive(state, r, place, place)):
         return selection.IMPOSSIBLE
     if code != row_kinds.MASS_SPRING_DAMPER:
         return selection.IDENTIFIED

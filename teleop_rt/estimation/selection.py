@@ -31,7 +31,8 @@ PENDING = FROZEN + MAX_PARAMETERS
 N_RECORD = PENDING + MAX_PARAMETERS
 # Whether a row may be chosen: not where it is not ready, or its mass or stiffness is not surely
 # positive; a mass beside a stiffness need not differ significantly from zero: then it is possible.
-IMPOSSIBLE, POSSIBLE, IDENTIFIED = range(3)
+# A model of no stiffness, or of an exponent that no law has, the master would refuse.
+REFUSED, IMPOSSIBLE, POSSIBLE, IDENTIFIED = range(4)
 # The choice itself.
 SELECTED, RIVAL, RIVAL_TICKS, N_CHOICE = range(4)
 
@@ -131,13 +132,16 @@ def choose(
     The first possible row is streamed until rows have scores. Then a rival takes over only after it
     has been better by ADVANTAGE, and by half the noise, for DWELL_S, so that the operator
     never feels rapid switching, and no imperceptible gain changes the model. A row without a score,
-    because the surface was found again, is not replaced by a row that has one.
+    because the surface was found again, is not replaced by a row that has one. A model that would
+    be refused is left at once: the operator would go on to feel the wall before it.
     """
     selected = int(choice[SELECTED])
-    if selected < 0:
-        choice[SELECTED] = first_possible(possible, regressions)
-        return
     best = best_to_stream(records, possible, noise, dt)
+    if selected < 0 or possible[selected] == REFUSED:
+        other = best if best >= 0 else first_possible(possible, regressions)
+        choice[SELECTED] = other if other >= 0 else selected
+        choice[RIVAL_TICKS] = 0.0
+        return
     if best < 0 or best == selected:
         choice[RIVAL_TICKS] = 0.0
         return

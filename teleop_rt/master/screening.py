@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from teleop_rt.contact.law import spring_force
+from teleop_rt.contact.law import EXPONENT_LEAST, EXPONENT_MOST, spring_force
 from teleop_rt.link.messages import ModelMessage, StateMessage
 
 EXPONENT_MIN, EXPONENT_MAX = 1.0, 5.0
-"""Exponents of a Hunt-Crossley model that is rendered; Hertz's sphere has 1.5."""
-EXPONENT_LEAST, EXPONENT_MOST = 0.3, 20.0
-"""Exponents within these are replaced by an admissible law; beyond, an estimate is refused."""
+"""Exponents of a Hunt-Crossley model that is rendered; Hertz's sphere has 1.5.
+
+Others, from EXPONENT_LEAST to EXPONENT_MOST, are replaced; beyond, an estimate is refused.
+"""
 JUMP_MAX = 100.0
 """Ratio of two models' forces beyond which the later one must be repeated to be rendered."""
 NEGLIGIBLE, ENORMOUS = 1e-9, 1e12
