@@ -86,17 +86,18 @@ def test_no_module_is_found_by_a_changed_search_path(folder):
     assert found == []
 
 
-def test_the_picture_of_the_path_to_a_tick_is_that_of_the_code():
+def test_the_pictures_of_the_path_and_of_the_order_are_those_of_the_code():
     text = path.CONTRIBUTING.read_text()
     assert path.drawn(text) == text, "run scripts/teleop-rt-dev path"
 
 
 def test_the_path_to_a_tick_is_printed_for_whoever_asks_and_written(monkeypatch, tmp_path, capsys):
     own = tmp_path / "CONTRIBUTING.md"
-    own.write_text(f"{path.BEGIN}\nan older picture\n{path.END}\n")
+    own.write_text(f"{path.BEGIN}\nolder\n{path.END}\n{path.ORDER_BEGIN}\nolder\n{path.ORDER_END}")
     monkeypatch.setattr(path, "CONTRIBUTING", own)
     assert path.main([]) == 0
     assert path.picture() in own.read_text()
+    assert path.order() in own.read_text()
     assert path.picture() in capsys.readouterr().out
     lines = path.picture().splitlines()
     assert lines[0].split()[:2] == ["run", "cli/running.py"]

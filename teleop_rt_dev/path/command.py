@@ -1,7 +1,7 @@
-"""Draw the path from the command `run` to a tick into CONTRIBUTING.md, from the code.
+"""Draw the path from the command `run` to a tick, and the order of packages, into CONTRIBUTING.md.
 
-Each line is a function, its file and the first sentence of its docstring. Raises SystemExit where
-a function no longer mentions the one that follows: then PATH below is corrected.
+Each line of the path is a function, its file and the first sentence of its docstring. Raises
+SystemExit where a function no longer mentions the one that follows: then PATH below is corrected.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
+from teleop_rt_dev.path.order import order
 from teleop_rt_dev.paths import ROOT
 
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- path -->\n", "<!-- end of path -->\n"
+ORDER_BEGIN, ORDER_END = "<!-- order -->\n", "<!-- end of order -->\n"
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -112,13 +114,15 @@ def picture() -> str:
 
 
 def drawn(text: str) -> str:
-    """Return a text with the picture in its place."""
-    before, _, rest = text.partition(BEGIN)
-    return f"{before}{BEGIN}\n{picture()}\n\n{END}{rest.partition(END)[2]}"
+    """Return a text with both pictures in their places."""
+    for begin, drawing, end in ((BEGIN, picture(), END), (ORDER_BEGIN, order(), ORDER_END)):
+        before, _, rest = text.partition(begin)
+        text = f"{before}{begin}\n{drawing}\n\n{end}{rest.partition(end)[2]}"
+    return text
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Print the picture, and write it into CONTRIBUTING.md."""
+    """Print the path, and write both pictures into CONTRIBUTING.md."""
     argparse.ArgumentParser(prog="teleop-rt-dev path", description=__doc__).parse_args(arguments)
     text = CONTRIBUTING.read_text(encoding="utf-8")
     CONTRIBUTING.write_text(drawn(text), encoding="utf-8")
