@@ -149,6 +149,7 @@ TREE = ("config", "drivers", "scripts", "teleop_rt", "teleop_rt_dev", "tests")
 TEXTS = {"", ".py", ".yaml", ".service", ".j2", ".eds", ".dbc", ".sh"}
 OF_OTHERS = {
     "WATCHDOG_TIMER_EXPIRED": "an error of an ODrive",
+    "config_rig": "a module of 0.2.0",
     "mechPos": "a register of a CyberGear",
     "moteus_tool": "a program of mjbots",
     "my_handle": "a file of the reader",
