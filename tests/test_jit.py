@@ -82,7 +82,13 @@ def refused(*_values: float) -> float:
 
 @kernel
 def passed(*_values):
-    """Stand in for a kernel of which nothing is expected here."""
+    """Stand in for a kernel of which nothing is expected here: to compile it takes seconds."""
+
+
+@kernel
+def agreed(*_values):
+    """Stand in for such a kernel that returns whether all is well."""
+    return True
 
 
 VECTOR, MATRIX, FLAGS = numba.float64[::1], numba.float64[:, ::1], numba.uint8[::1]
@@ -92,22 +98,36 @@ BANK = (MATRIX, MATRIX, numba.int64[::1], MATRIX, VECTOR, VECTOR, FLAGS)
 
 
 @pytest.mark.parametrize(
-    ("caller", "types", "left_out"),
+    ("caller", "types", "left_out", "others"),
     [
-        (cycle.estimate, (STATE,), ["fill_algebraic", "weigh_terms", "integrate_filtered"]),
-        (bank_kernels.row_step, ROW, ["integral_step"]),
-        (solvers.recursive_step, ROW, ["forgetting_step", "perturb", "gradient_step"]),
-        (bank_kernels.bank_step, BANK, ["step_of_two", "step_of_three"]),
+        (
+            cycle.estimate,
+            (STATE,),
+            ["fill_algebraic", "weigh_terms", "integrate_filtered"],
+            {"bank_step": passed, "fill_direct": passed, "judge": passed},
+        ),
+        (
+            bank_kernels.row_step,
+            ROW,
+            ["integral_step"],
+            {"recursive_step": agreed, "judge_readiness": agreed, "score_step": passed},
+        ),
+        (solvers.recursive_step, ROW, ["forgetting_step", "perturb", "gradient_step"], {}),
+        (
+            bank_kernels.bank_step,
+            BANK,
+            ["step_of_two", "step_of_three"],
+            {"step_of_any": passed},
+        ),
     ],
     ids=["estimate", "row", "solver", "bank"],
 )
 def test_a_bank_that_is_not_whole_compiles_no_kernel_that_it_does_not_use(
-    monkeypatch, caller, types, left_out
+    monkeypatch, caller, types, left_out, others
 ):
-    for name in left_out:
-        monkeypatch.setitem(caller.py_func.__globals__, name, refused)
-    if caller is cycle.estimate:
-        monkeypatch.setitem(caller.py_func.__globals__, "bank_step", passed)  # has its own row
+    for name, stand_in in (dict.fromkeys(left_out, refused) | others).items():
+        assert name in caller.py_func.__globals__
+        monkeypatch.setitem(caller.py_func.__globals__, name, stand_in)
 
     def compile_with(whole):
         numba.jit(**jit._OPTIONS)(caller.py_func).compile((*types, numba.typeof(whole)))
