@@ -98,7 +98,9 @@ def test_the_cube_is_felt_within_a_millisecond_and_half_a_percent_by_a_firm_hand
     write_trial(tmp_path, trial)
     outcome = run_lockstep(trial, TRIALS / "handle.yaml", open_bench, tmp_path, lambda _: None)
     felt = summarise(tmp_path, trial, outcome, environment_force)["master"]
-    assert felt["rendering"]["passivity"]["damping"]["rendered"] == pytest.approx(20.0, rel=0.01)
+    passivity = felt["rendering"]["passivity"]
+    assert passivity["reduced"] is False
+    assert passivity["damping"]["rendered"] == pytest.approx(20.0, rel=0.01)
     assert abs(felt["lag_ms"]) <= 1.0
     assert felt["nrmse"] <= 0.005
 
