@@ -26,7 +26,7 @@ from teleop_rt_dev.trial.files import TRIALS, load
 
 LAYER = TRIALS / "hidden_layer.yaml"
 BIAS = "plant.undeclared=[{effect: force_bias, bias_N: 1.0}]"
-SHORT = "duration_s=6.0"
+SHORT = "duration_s=4.0"
 FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
 OWN = Table({}, {}, None)
 ALIKE = tuple(
@@ -57,7 +57,7 @@ def bias(tmp_path_factory):
 
 
 def test_the_layer_that_the_tutorials_trial_hides_is_named(tmp_path):
-    run_into(tmp_path / "run", "duration_s=6.0", file=LAYER)
+    run_into(tmp_path / "run", SHORT, file=LAYER)
     found = diagnose(load_any(tmp_path / "run" / "recording.mcap", OWN)).answer
     assert found["class"][0] == ["second_layer"]
     assert found["error"]["after"] < 0.3 * found["error"]["before"]
@@ -151,7 +151,7 @@ def test_a_hidden_effect_of_the_rig_is_found_compensated_and_not_felt(bias):
 
 
 def test_a_plant_that_hides_nothing_changes_nothing(tmp_path):
-    answer = closed(tmp_path, "plant.undeclared=[]", "duration_s=4.0")
+    answer = closed(tmp_path, "plant.undeclared=[]", SHORT)
     assert answer["verdict"] == "no_missing_effect"
     assert answer["effects"] == []
     assert answer["extended_model"] is None
