@@ -62,6 +62,7 @@ def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
     assert [phase["name"] for phase in answer["phases"]] == ["diagnosis"]
 
 
+@pytest.mark.usefixtures("no_pages")
 def test_a_closed_loop_is_printed_with_its_effect_and_errors(call, tmp_path):
     first = measured(tmp_path / "first.csv", 1.3)
     other = measured(tmp_path / "other.csv", 1.0, seed=2)

@@ -253,13 +253,6 @@ def test_the_date_and_time_of_a_run_stand_in_its_summary_and_on_its_page(good):
     assert f'<time datetime="{summary["began_at"]}">' in first_screen(good)
 
 
-def test_the_report_of_a_folder_is_the_report_that_the_run_wrote(good, call):
-    before = (good / "report.html").read_bytes()
-    code, out, err = call("report", good)
-    assert (code, out.strip(), err) == (0, str(good / "report.html"), "")
-    assert (good / "report.html").read_bytes() == before
-
-
 @pytest.mark.usefixtures("no_charts")
 def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call, tmp_path):
     cut = tmp_path / "cut"
@@ -267,8 +260,8 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call,
     shutil.copy(good / "trial.yaml", cut)
     recording = (good / "recording.mcap").read_bytes()
     (cut / "recording.mcap").write_bytes(recording[: 2 * len(recording) // 3])
-    code, _, err = call("report", cut)
-    assert (code, err) == (0, "")
+    code, out, err = call("report", cut)
+    assert (code, out.strip(), err) == (0, str(cut / "report.html"), "")
     screen = first_screen(cut)
     assert "Cut off in state RUN" in screen
     assert "this summary uses only the recording" in screen
@@ -382,12 +375,17 @@ def test_only_figures_with_a_zero_have_a_percentage_and_colour_follows_the_grade
     assert (ended.text, ended.grade) == (fault_of(stopped)["name"].replace("_", " "), "bad")
 
 
-def test_every_figure_is_exported_as_svg_pdf_and_csv(good, call, tmp_path):
-    out = tmp_path / "figures"
-    code, reported, _ = call("report", good, "--figures", out)
-    assert code == 0
+def test_the_report_is_the_one_that_the_run_wrote_and_every_figure_is_exported(
+    good, call, tmp_path
+):
+    out, before = tmp_path / "figures", (good / "report.html").read_bytes()
+    code, reported, err = call("report", good, "--figures", out)
+    assert (code, err) == (0, "")
+    page, *exported = reported.splitlines()
+    assert page == str(good / "report.html")
+    assert (good / "report.html").read_bytes() == before
     written = {path.name for path in out.iterdir()}
-    assert {Path(line).name for line in reported.splitlines()[1:]} == written
+    assert {Path(line).name for line in exported} == written
     for name in ("felt", "force", "position", "parameters-kelvin-voigt", "link", "energy"):
         assert {f"{name}.svg", f"{name}.pdf", f"{name}.csv"} <= written
     assert (out / "force.pdf").read_bytes().startswith(b"%PDF")
