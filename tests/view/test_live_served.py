@@ -147,7 +147,8 @@ def test_foxglove_gets_every_topic_and_its_rows_from_the_start(recorded):
 def test_the_live_page_of_a_run_stays_at_a_terminal_until_it_is_interrupted(tmp_path):
     ours, theirs = pty.openpty()
     words = ["run", SILICONE, "--clock", "simulated", "--duration", "1", "--live", "--port", "0"]
-    command = [sys.executable, "-m", "teleop_rt", *map(str, words), "--out", tmp_path / "run"]
+    words += ["--set", "estimation.models=[kelvin-voigt]", "--out", tmp_path / "run"]
+    command = [sys.executable, "-m", "teleop_rt", *map(str, words)]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as process:
         os.close(theirs)
         shown = ""
