@@ -4,6 +4,7 @@ import io
 import os
 import pickle
 import sys
+from importlib.metadata import entry_points
 
 # As the program does: threads of linear algebra on cores that are busy wait for each other.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -15,6 +16,7 @@ from lean_install import without_pages
 
 from teleop_rt.cli import main
 from teleop_rt.config.yaml_file import ConfigLoader
+from teleop_rt.contact.effects import user
 from teleop_rt_drivers.canopen import eds, eds_file
 from teleop_rt_drivers.simulated import dictionary
 
@@ -109,6 +111,19 @@ def each_config_is_composed_once():
     composed = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ConfigLoader, "get_single_node", get_single_node)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def each_path_is_searched_for_effects_once():
+    """Search a path for installed effects once: each of a thousand slaves would do it again."""
+
+    @functools.cache
+    def found(_path, group):
+        return entry_points(group=group)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(user, "entry_points", lambda group: found(tuple(sys.path), group))
         yield
 
 
