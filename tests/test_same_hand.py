@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -39,14 +41,9 @@ def test_the_same_hand_feels_no_damping_that_makes_up_for_a_latency(wall, felt):
     assert kept.k == wall.k
 
 
-@pytest.mark.parametrize("judge", [rows_of, same_hand.strangers_rows])
-@pytest.mark.parametrize(
-    ("tremor_N", "swing_m", "own"), [(1.5, 0.0, True), (0.0, 1e-3, False), (0.3, 1e-3, False)]
-)
-def test_swings_are_the_hands_own_where_the_same_hand_makes_them_on_a_wall_that_stays(
-    tremor_N, swing_m, own, judge
-):
-    """A trembling hand at a wall, or a wall that is moved under a hand by 1 mm at 6 Hz."""
+@functools.cache
+def seen(tremor_N, swing_m):
+    """Return the trial of a hand, the path of its wall, and its motion and force there."""
     hand = [
         "operator.hand.mass_N_s2_per_m=0.5", "operator.hand.stiffness_N_per_m=800",
         "operator.hand.damping_N_s_per_m=5", f"operator.hand.tremor_N={tremor_N}",
@@ -57,9 +54,19 @@ def test_swings_are_the_hands_own_where_the_same_hand_makes_them_on_a_wall_that_
     t = np.arange(2500) * T
     path = rendered_path(0.005 + swing_m * np.sin(2 * np.pi * 6.0 * t) * (t > 1.0))
     never = 1e9
-    position, motor = ideal_motion(
-        trial, same_hand.StaysAsItWas(trial, path, never, never, with_body=False)
-    )
+    wall = same_hand.StaysAsItWas(trial, path, never, never, with_body=False)
+    return trial, path, *ideal_motion(trial, wall)
+
+
+@pytest.mark.parametrize("judge", [rows_of, same_hand.strangers_rows])
+@pytest.mark.parametrize(
+    ("tremor_N", "swing_m", "own"), [(1.5, 0.0, True), (0.0, 1e-3, False), (0.3, 1e-3, False)]
+)
+def test_swings_are_the_hands_own_where_the_same_hand_makes_them_on_a_wall_that_stays(
+    tremor_N, swing_m, own, judge
+):
+    """A trembling hand at a wall, or a wall that is moved under a hand by 1 mm at 6 Hz."""
+    trial, path, position, motor = seen(tremor_N, swing_m)
     rows = same_hand.whole(judge(position, motor, T))
     rows = [row for row in rows if row.swings >= campaign_hands.SUSTAINED]
     assert rows
@@ -86,9 +93,9 @@ class MovesAsItLikes:
         return Wall(self.surface, 3000.0).force(x, v)
 
 
-@pytest.mark.parametrize("judge", [rows_of, same_hand.strangers_rows])
-def test_a_wall_that_pushes_a_hand_out_and_goes_back_unfelt_is_found(judge):
-    """It works on the hand at each touch: what it does while nobody feels it is no excuse."""
+@functools.cache
+def pushed_out():
+    """Return the trial of a hand, the path of a wall that pushes it out, its motion and force."""
     hand = [
         "operator.hand.mass_N_s2_per_m=1.5", "operator.hand.stiffness_N_per_m=300",
         "operator.hand.damping_N_s_per_m=2", "operator.hand.tremor_N=0",
@@ -97,8 +104,14 @@ def test_a_wall_that_pushes_a_hand_out_and_goes_back_unfelt_is_found(judge):
     ]  # fmt: skip
     trial = campaign_hands.load_trial_file(campaign_hands.TRIAL, hand)
     wall = MovesAsItLikes(1e-3)
-    position, motor = ideal_motion(trial, wall)
-    path = rendered_path(wall.path)
+    motion = ideal_motion(trial, wall)
+    return trial, rendered_path(wall.path), *motion
+
+
+@pytest.mark.parametrize("judge", [rows_of, same_hand.strangers_rows])
+def test_a_wall_that_pushes_a_hand_out_and_goes_back_unfelt_is_found(judge):
+    """It works on the hand at each touch: what it does while nobody feels it is no excuse."""
+    trial, path, position, motor = pushed_out()
     rows = same_hand.whole(judge(position, motor, T))
     rows = [row for row in rows if row.swings >= campaign_hands.SUSTAINED]
     worst = max(rows, key=lambda row: row.swings)

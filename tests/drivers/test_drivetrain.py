@@ -101,7 +101,7 @@ def test_a_run_calibrates_its_drivetrain_and_the_same_run_twice_changes_nothing(
         "link.loss=0",
         "link.jitter_ms=0",
     )
-    before = run(trial(FRICTION, *high, duration_s=6.0), made(tmp_path / "before"))
+    before = run(trial(FRICTION, *high, duration_s=4.5), made(tmp_path / "before"))
     for _ in range(2):
         code, _, err = call("calibrate", "drivetrain", rig, tmp_path / "before", "--write")
         assert code == 0, err
@@ -110,7 +110,7 @@ def test_a_run_calibrates_its_drivetrain_and_the_same_run_twice_changes_nothing(
         assert found.mass == 2.0
     # The first model is twice too stiff: where no tank pays for a softer wall of the same force, it
     # stayed for the whole contact (0.051 in place of 0.008).
-    after = run(trial(FRICTION, *high, f"rig={rig}", duration_s=6.0), made(tmp_path / "after"))
+    after = run(trial(FRICTION, *high, f"rig={rig}", duration_s=4.5), made(tmp_path / "after"))
     assert after["master"]["nrmse"] < 0.7 * before["master"]["nrmse"]
     assert after["contact"]["surface_found"] == pytest.approx(0.0137, abs=0.5e-3)
     (tmp_path / "before" / "trial.yaml").unlink()

@@ -130,6 +130,7 @@ def test_the_reference_is_the_environments_law_at_the_hands_own_place() -> None:
 
 def test_a_deadband_saves_models_at_no_loss_of_truth(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(delay_world, "STILL_S", 1.0)  # models are sent while the hand moves
+    monkeypatch.setattr(delay_world, "MOVING_S", 3.0)
     every, *others = (
         delay.evaluate(asdict(Cell("model-mediated", "silicone", 150.0, 0.0, 3, deadband=kind)))
         for kind in ("none", "noise", "just-noticeable")
