@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
+from teleop_rt.link.keys import generate_key
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.service.client import PATIENCE_S, DaemonError, ask
 from teleop_rt.service.place import places
@@ -57,7 +58,7 @@ class Lab:
         for change in (f"rig.axis.bus.channel={self.channel}", port, *changes):
             self.trial += ["--set", change]
         self.processes: list[subprocess.Popen[str]] = []
-        assert self.call("keygen", credentials / "link.key")[0] == 0
+        generate_key(credentials / "link.key")
         (credentials / "link.key").chmod(0o440)  # as systemd's access list shows
 
     def __enter__(self) -> Self:

@@ -79,7 +79,7 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
 
 def test_helpers_of_a_daemon_that_are_killed_are_started_again_while_its_loop_goes_on(lab):
     daemon = lab.start("slave")
-    ticks_before = lab.status()["tick"]
+    ticks_before = lab.polled()["tick"]
     for name in ("commands", "recorder"):
         victim = lab.helper(name)
         os.kill(victim, signal.SIGKILL)
@@ -212,7 +212,7 @@ def watch_a_fault(lab, browser) -> str | None:
     with UnixBus(lab.channel) as bus:
         bus.send(over_temperature_of_the_force_sensor())
         until(browser, lambda: "fault: " in text(browser, "fault"))
-    fault = lab.status()["fault"]["name"]
+    fault = lab.polled()["fault"]["name"]
     assert f"fault: {fault}" in text(browser, "fault")
     assert 'class="lamp bad"' in text(browser, "fault")
     assert 'class="now stop"' in text(browser, "chain")
