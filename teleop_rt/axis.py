@@ -136,7 +136,7 @@ class Sample:
 
 
 class AxisError(ExpectedError):
-    """The rig cannot be used as configured: says what, where and what to do next."""
+    """The rig cannot be used as configured; the message gives cause, place and next step."""
 
 
 class EndOfRecording(Exception):  # noqa: N818 - an end, not an error
@@ -161,7 +161,7 @@ class Device(Protocol):
 
     @property
     def timing(self) -> Timing:
-        """Return what bus, frames and drive make of latency, at worst."""
+        """Return the worst latency that bus, frames and drive cause."""
 
     def configure(self) -> None:
         """Find, check and configure the devices; nothing moves. Raises AxisError."""

@@ -16,4 +16,4 @@ class ExpectedError(Exception):
 
 
 class RecordingError(ExpectedError):
-    """A recording cannot be used: says which, what is wrong, and what to do next."""
+    """A recording cannot be used; the message names it, the cause and the next step."""

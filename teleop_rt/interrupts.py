@@ -14,7 +14,7 @@ _came: list[int] = []
 
 
 def interrupt(number: int, _frame: FrameType | None) -> None:
-    """Interrupt what the main thread does, as a handler of a signal. Raises KeyboardInterrupt."""
+    """Interrupt the main thread, as a handler of a signal. Raises KeyboardInterrupt."""
     _came.append(number)
     raise KeyboardInterrupt
 
@@ -65,7 +65,7 @@ def deferred_interrupts() -> Iterator[None]:
 class Interrupts:
     """Turns the first SIGINT, SIGTERM or SIGHUP into KeyboardInterrupt and holds the rest.
 
-    Inside, what has to be finished after an interrupt is not interrupted again.
+    Inside, the work that must be finished after an interrupt is not interrupted again.
     """
 
     def __enter__(self) -> Interrupts:
@@ -85,7 +85,7 @@ class Interrupts:
         return interruptions() > self._began
 
     def hold(self) -> None:
-        """Let nothing interrupt what comes now; `came` says whether something wanted to."""
+        """Let nothing interrupt the following steps; `came` says whether something wanted to."""
         for number in INTERRUPTS:
             signal.signal(number, self._note)
 

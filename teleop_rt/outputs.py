@@ -1,6 +1,6 @@
-"""Nothing that is there is overwritten: the one place that refuses, with what to do instead.
+"""No existing file is overwritten: the one place that refuses, with the next step.
 
-What may be resumed (`batch.sweep.open_folder`) says by a note in its folder what it belongs to.
+Work that may be resumed (`batch.sweep.open_folder`) names its owner in a note in its folder.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from teleop_rt.errors import ExpectedError
 
 
 class OutputError(ExpectedError):
-    """A file or folder cannot be written to: says which, why, and what to do next."""
+    """A file or folder cannot be written to; the message names it, the cause and the next step."""
 
 
 def refuse_existing(paths: Iterable[Path], what_next: str = "name another file") -> None:

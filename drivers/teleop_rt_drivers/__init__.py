@@ -1,1 +1,1 @@
-"""Drivers of teleop-rt: what stands between the core's axis and real or simulated devices."""
+"""Drivers of teleop-rt, between the core's axis and real or simulated devices."""

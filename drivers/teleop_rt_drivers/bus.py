@@ -1,4 +1,4 @@
-"""Open a CAN bus by name, and turn the system's errors into what to do next."""
+"""Open a CAN bus by name, and add the next step to the system's errors."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ STAMPING = (UNIX, SOCKETCAN)
 NOT_WATCHED = ("gs_usb", "udp_multicast")
 """Interfaces whose frames have neither a stamp of this clock nor a descriptor to wait on."""
 STAMPED_S = 2e-5
-"""Deviation of a stamp by a kernel, with what a bus makes a frame wait."""
+"""Deviation of a stamp by a kernel, with a frame's wait for the bus."""
 WATCHED_SHARE, READ_SHARE = 0.1, 1.0 / math.sqrt(12.0)
 """Deviation over the period of the loop: of what is watched but while the loop works (half of the
 period at most), and of what is only read once a cycle."""

@@ -20,7 +20,7 @@ def folder_of(channel: str) -> Path:
 
 
 def sweep_buses() -> None:
-    """Remove what programs of this user that were killed left of buses that have a name."""
+    """Remove the files of named buses that killed programs of this user left."""
     for place in shared_folder().glob(f"{_own_prefix()}*"):
         with contextlib.suppress(OSError):
             folder = _open(place)

@@ -26,7 +26,7 @@ READY = "ready"
 WAIT_S = 0.05
 """Longest wait for a frame before the logger looks whether it is to end."""
 END_TIMEOUT_S = 5.0
-"""Time that the logger has to write what it holds."""
+"""Time that the logger has to write its frames."""
 
 
 def log_file(folder: Path, part: str, bus: BusConfig) -> Path:
@@ -68,7 +68,7 @@ def _start(bus: BusConfig, file: Path) -> subprocess.Popen[str]:
 
 
 def _end(logger: subprocess.Popen[str]) -> None:
-    """Let a logger write what it has and end; kill one that does not."""
+    """Let a logger write its frames and end; kill one that does not."""
     for pipe in (logger.stdin, logger.stdout):
         if pipe is not None:
             pipe.close()
@@ -80,7 +80,7 @@ def _end(logger: subprocess.Popen[str]) -> None:
 
 
 class LoggedBus(can.BusABC):
-    """A bus that writes down what passes through it; for simulated time, where nothing is late."""
+    """A bus that logs its frames; for simulated time, where nothing is late."""
 
     def __init__(self, bus: can.BusABC, file: Path, now_ns: Callable[[], int]) -> None:
         self.channel_info = f"logged {bus.channel_info}"

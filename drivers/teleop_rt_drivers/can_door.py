@@ -20,7 +20,7 @@ _ROOM = FRAMES_PER_PACKET + 1
 """Frames for which a packet has room: a packet that fills it may be longer, and is no frames."""
 PACKETS_AT_ONCE = 16  # in one call: more that wait are Python's to take
 UNUSUAL = -1 << 20
-"""In place of a number of frames: Python is to look at what has come, or at the socket."""
+"""In place of a number of frames: Python must read the received packet, or check the socket."""
 
 
 class CanDoorFields:

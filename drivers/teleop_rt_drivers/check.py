@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.drive_config import ForceInputConfig
 
 WARN_ABOVE = 0.9
-"""Share of what is allowed that is worth a word."""
+"""Share of the allowed value from which a finding is reported."""
 INT32 = 2**31 - 1
 SIMULATED_NETWORK = ("round_trip_ms", "jitter_ms", "loss", "duplicate", "reorder", "blackouts_s")
 """Keys of a trial's `link` that worsen the network, each of no effect by default."""
@@ -136,7 +136,7 @@ def check_link(link: LinkConfig) -> list[Finding]:
 
 
 def check_network(link: LinkConfig) -> list[Finding]:
-    """Return a warning that lists what simulates a poor network, for a trial on real hardware."""
+    """Return a warning that lists the simulated impairments of a trial on real hardware."""
     ideal = LinkConfig()
     set_here = [key for key in SIMULATED_NETWORK if getattr(link, key) != getattr(ideal, key)]
     if not set_here:
@@ -198,7 +198,7 @@ def _check_loads(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
 
 
 def _turn(part: LineActuatorPart, rig: RigConfig, where: str) -> Finding:
-    """Compare what asking and answering takes on a line with a cycle."""
+    """Compare the time of request and answer on a line with a cycle."""
     turn_ms, cycle_ms = 1e3 * line_turn_s(part, rig), 1e3 / rig.rate_hz
     what = (
         f"an order and its answer take {turn_ms:.3g} ms at {part.baud} baud, of it "
@@ -236,7 +236,7 @@ def _load_finding(load: Load, rate_hz: int, where: str) -> Finding:
 
 
 def _check_limits(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
-    """Compare the rig's limits with what objects and fields can hold."""
+    """Compare the rig's limits with the ranges of objects and fields."""
     if not isinstance(part, CanopenPart):
         return []
     findings = []

@@ -62,7 +62,7 @@ def _both_ends(
         ) as master,
     ):
         _exchange(master, slave, wait, seconds)
-        return _judged(master, "this machine, through what the trial puts between")
+        return _judged(master, "this machine, through the trial's simulated link")
 
 
 def _end(role: str, trial: TrialConfig, transport: UdpTransport, keys: PeerKeys) -> Endpoint:

@@ -75,7 +75,7 @@ def _is_of(section: dict[str, Any], one: Found, name: str) -> bool:
 
 
 def device_part(text: str, drive: str) -> tuple[KeyPath, dict[str, Any]]:
-    """Return where in a rig's text its bus and devices are, and what is there."""
+    """Return the places of bus and devices in a rig's text, and their contents."""
     path: KeyPath = ("axis",)
     if drive == "canopen":
         path = ("axis", "parts", "bus") if "\n  parts:\n" in text else path

@@ -74,7 +74,7 @@ def open_rig(
     *,
     bus: can.BusABC | None = None,
 ) -> SimulatedRig:
-    """Return the simulated devices of a rig, on `bus` or on what its config names.
+    """Return the simulated devices of a rig, on `bus` or on the bus that its config names.
 
     Serial ports become pseudo-terminals under the names of the config's devices. Raises AxisError
     when the rig's driver has no simulated devices.

@@ -1,4 +1,4 @@
-"""Device numbers to rig units, and what a value in rig units can be."""
+"""Conversion of device numbers to rig units, and the possible values."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Plausible:
 
 
 def plausible_position(rig: RigConfig) -> Plausible:
-    """Return what a position can be: near the rig's travel, and not much faster than it goes."""
+    """Return the possible positions: near the rig's travel, not much faster than its limit."""
     limits = rig.limits
     travel = limits.position_max - limits.position_min
     return Plausible(
@@ -82,6 +82,6 @@ def plausible_position(rig: RigConfig) -> Plausible:
 
 
 def plausible_force(rig: RigConfig) -> Plausible:
-    """Return what a force can be: it may jump, but not out of range."""
+    """Return the possible forces: they may jump, but not out of range."""
     most = FORCE_MARGIN * rig.limits.force_max
     return Plausible(lower=-most, upper=most, rate=0.0, slack=math.inf)

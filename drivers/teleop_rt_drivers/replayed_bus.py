@@ -107,7 +107,7 @@ class ListeningAxis(Protocol):
         """Rejected frames by reason, and further events."""
 
     def listen(self) -> None:
-        """Begin with what arrives from now on."""
+        """Begin with frames that arrive from now on."""
 
     def read_into(self, sample: Sample) -> None:
         """Take what has arrived."""

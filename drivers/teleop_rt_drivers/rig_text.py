@@ -85,7 +85,7 @@ FOLDER = re.compile("folder: /tmp/teleop-rt-ports.*")
 
 
 class NewRigError(ExpectedError):
-    """No rig can be made of these; says why, and what to do."""
+    """No rig can be made of these options; the message gives cause and next step."""
 
 
 def rig_text(

@@ -171,7 +171,7 @@ class UnixBus(can.BusABC):
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next frame that passes the filters, None where none comes in time.
 
-        Raises CanOperationError for what is no frame.
+        Raises CanOperationError for anything but a frame.
         """
         ends = time.monotonic() + timeout if timeout else None
         while True:
@@ -199,7 +199,7 @@ class UnixBus(can.BusABC):
     def _take(self, peer: socket.socket) -> tuple[int, can.Message] | None:
         """Return when a program's next frame was sent [ns] and the frame, or None.
 
-        It is forgotten once it has left. What else was in its packet is its rest.
+        It is forgotten once it has left. The other frames of its packet wait for the next call.
         """
         if (rest := self._rests.pop(peer, None)) is not None:
             if len(rest) > 1:
@@ -221,7 +221,7 @@ class UnixBus(can.BusABC):
         return None
 
     def waiting_frames(self, most: int) -> list[CanFrame]:
-        """Return what has come, in the order of sending, `most` frames at most; never raises.
+        """Return the frames received, in the order of sending, `most` at most; never raises.
 
         Data that are not a frame are returned as UNREADABLE.
         """
@@ -248,7 +248,7 @@ class UnixBus(can.BusABC):
         return len(self._peers) == 1 and not held and self._filters is None
 
     def keep(self) -> None:
-        """Keep what the door received last, which was UNUSUAL, for `waiting_frames`."""
+        """Keep the door's last packet, which was UNUSUAL, for `waiting_frames`."""
         peer, received = self._peers[0], self.door.door.received
         if received < 0:
             self._drop(peer)
@@ -263,7 +263,7 @@ class UnixBus(can.BusABC):
             self._meet()
 
     def _take_some(self, peer: socket.socket, frames: list[CanFrame], most: int) -> bool:
-        """Add what waits of a program; return whether more may wait that there is room for."""
+        """Add a program's waiting frames; return whether more may wait and there is room."""
         packets = min(self._packets.most, (most - len(frames)) // FRAMES_PER_PACKET)
         if packets <= 0:
             return False
@@ -275,7 +275,7 @@ class UnixBus(can.BusABC):
         return self._unpack(peer, count, frames) and count == packets
 
     def _unpack(self, peer: socket.socket, count: int, frames: list[CanFrame]) -> bool:
-        """Add what was received of a program; return whether it is still there.
+        """Add the frames received from a program; return whether it is still there.
 
         A program is forgotten once it has left.
         """

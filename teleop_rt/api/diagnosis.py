@@ -38,7 +38,7 @@ class NamedEffect:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Diagnosis:
-    """A verdict on a recording, and the model extended by what was found.
+    """A verdict on a recording, and the model extended by the effects found.
 
     `answer` is the whole result, JSON-ready. `possible` are the sets of effects that the data
     cannot distinguish; `nrmse_before` and `nrmse_after` the held-out errors of the base and of the

@@ -89,7 +89,7 @@ class Identification:
     """The estimates of a recording; `selected` is the one worth rendering, None without one.
 
     `time_s` (samples,) is the time of every trace. The note states that the residual rejects the
-    models: their parameters have no deviations then, and `diagnose` names what is missing.
+    models: their parameters have no deviations then, and `diagnose` names the missing effect.
     """
 
     name: str

@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Parameter:
-    """A parameter: value, standard deviation and unit; None for what is not known.
+    """A parameter: value, standard deviation and unit; None where a value is not known.
 
     `identified` is False where the data do not determine the parameter.
     """

@@ -42,7 +42,7 @@ class Bar:
         self._progress.update(self._task, completed=done, total=total)
 
     def phase(self, name: str) -> None:
-        """Show what is being done, at once: a kernel may hold the drawing thread up."""
+        """Show the current phase at once: a kernel may hold the drawing thread up."""
         if self._lines:
             print(f"{name} ...", file=sys.stderr, flush=True)
         self._progress.update(self._task, description=name, refresh=True)

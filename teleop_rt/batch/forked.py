@@ -26,7 +26,7 @@ R = TypeVar("R")
 
 
 class WorkerLostError(ExpectedError):
-    """A worker process ended while it worked: says what to do next."""
+    """A worker process ended while it worked; the message gives the next step."""
 
     code = 1
 
@@ -59,7 +59,7 @@ def as_finished(
                 _end_all_but(others)
             for future in as_completed(indices):
                 yield indices.pop(future), future.result()
-        except BaseException as error:  # a fault does not wait for what is under way
+        except BaseException as error:  # a fault does not wait for running cases
             _end_all_but(others)
             if isinstance(error, BrokenProcessPool) and not interrupts:
                 raise WorkerLostError(error) from None

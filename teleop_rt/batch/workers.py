@@ -20,7 +20,7 @@ CONNECT_S = 10.0
 
 
 class ClusterError(ExpectedError):
-    """The Dask cluster cannot be used: says why and what to do next."""
+    """The Dask cluster cannot be used; the message gives cause and next step."""
 
 
 @dataclass(frozen=True, slots=True)

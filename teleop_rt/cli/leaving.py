@@ -11,7 +11,7 @@ from teleop_rt.errors import FAULT
 
 
 def leave_on_fault(safety: dict[str, Any]) -> None:
-    """Leave with the exit code of a fault, after saying what it is, if there was one."""
+    """Leave with the exit code of a fault, after printing its cause, if there was one."""
     fault = safety["fault"]
     if fault["code"] != 0:
         said = f" ({fault['said']})" if fault.get("said") else ""

@@ -22,7 +22,7 @@ _RIG = re.compile(r"\.\./rigs/(\w+)\.yaml")
 
 
 class NewFilesError(ExpectedError):
-    """The files cannot be written; the message says which and what to do."""
+    """The files cannot be written; the message names them and the next step."""
 
 
 def new(
@@ -76,7 +76,7 @@ def _ask(kind: str, default: str) -> str:
 def _write(files: Mapping[Path, str]) -> None:
     """Write files that are not there yet, or none of them. Raises OutputError, NewFilesError.
 
-    What is there as it would be written stays: a second trial shares its rig with the first.
+    A file that exists with the same text is kept: a second trial shares its rig with the first.
     """
     missing = {path: text for path, text in files.items() if not _stands(path, text)}
     refuse_existing(missing or files, "name another folder")

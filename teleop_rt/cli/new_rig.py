@@ -1,4 +1,4 @@
-"""The command that writes a rig's file from what is on the table: its arguments alone."""
+"""The command that writes a file for the devices on the table: its arguments alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The JSON Schemas of what this program reads and writes."""
+"""The JSON Schemas of the files and answers that this program reads and writes."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def run_slave(
     as_json: bool,
 ) -> None:
     """Run the slave daemon; `arm` at once, for the trial's duration only."""
-    if "RUNTIME_DIRECTORY" in os.environ:  # a service's group may read what it records
+    if "RUNTIME_DIRECTORY" in os.environ:  # a service's group may read its recordings
         os.umask(0o027)
     gc.freeze()  # a collection before the loop would look through all modules, for 0.1 s
     with Claim() as claim:
@@ -125,7 +125,7 @@ def run_master(
 
 
 def _operate(side: Side, trial_file: Path, key: Path | None) -> None:
-    """Run the master until it is asked to stop; it says what a simulated handle truly did."""
+    """Run the master until a stop request; the true motion of a simulated handle is recorded."""
     handles: list[HandPlant] = []
 
     def made(plant: HandPlant) -> None:
@@ -186,8 +186,8 @@ def run_side(
 ) -> None:
     """Run one side of a run, in a process of its own that ends with the one that started it.
 
-    Session and folder are the run's, and its recorder records; the slave is armed at once. What it
-    computes is loaded while the others start, and it takes its axis when they are ready.
+    Session and folder are the run's, and its recorder records; the slave is armed at once. Its
+    modules are loaded while the others start, and it takes its axis when they are ready.
     """
     end_with_parent()
     with emitting_problems(emit_to_parent):
@@ -237,7 +237,7 @@ def _side(
     as_json: bool = False,
     trial: TrialConfig | None = None,
 ) -> Iterator[Side]:
-    """Give a side that is started alone what it needs; the trial is loaded, unless it is given.
+    """Yield a side that is started alone; the trial is loaded, unless it is given.
 
     It makes a session and a folder, and records itself. Problems are also reported as events.
     """

@@ -111,7 +111,7 @@ def _load(trial_file: Path, changes: list[str], clock: ClockName) -> TrialConfig
 
 
 def compile_first(trial: TrialConfig, *, quiet: bool) -> None:
-    """Compile what a run of the trial calls, unless it is in the cache; print how long it took.
+    """Compile the kernels of a run of the trial that the cache lacks; print how long it took.
 
     Slave, master, rig and summary would compile it too, each on one core and silently.
     """
@@ -132,13 +132,13 @@ def compile_first(trial: TrialConfig, *, quiet: bool) -> None:
 
 
 def _compile_replay(trial: TrialConfig) -> None:
-    """Compile what replays a recording, and what of the estimators is not yet in the cache."""
+    """Compile the kernels of a replay, and those of the estimators that the cache lacks."""
     one = np.zeros(1)
     make_pipeline(trial).run(one, one, np.zeros(1, dtype=np.bool_))
 
 
 def _compile_sides(trial: TrialConfig) -> None:
-    """Compile what sets estimators up, decides for the slave, is rendered, and moves a rig."""
+    """Compile the kernels that set up estimators, decide, render, and move a simulated rig."""
     Pipeline(trial_rows(trial, trial_extension(trial)), pipeline_settings(trial))
     compile_step()
     own = Path(trial.effects_file) if trial.effects_file else None
@@ -199,7 +199,7 @@ def _report(folder: Path, summary: dict[str, Any]) -> None:
 
 
 def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None:
-    """Leave with the exit code of the run, after saying what went wrong."""
+    """Leave with the exit code of the run, after printing the cause of a failure."""
     if failure is not None:
         print(failure, file=sys.stderr)
         raise typer.Exit(failure.code)

@@ -87,7 +87,7 @@ def problem_of(
     units: Units | None,
     detail: ErrorDetails,
 ) -> ConfigProblem:
-    """Say what is wrong in the words of the file: its own keys, bounds and allowed values."""
+    """Describe a mistake in the words of the file: its own keys, bounds and allowed values."""
     location = _written_keys(document, (*path, *detail["loc"]), schema, len(path), units)
     name = ".".join(map(str, location)) or "this file"
     message = detail["msg"].removeprefix("Value error, ")

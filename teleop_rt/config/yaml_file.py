@@ -59,7 +59,7 @@ class Document:
         return "?"
 
     def origin(self, paths: Sequence[KeyPath]) -> str:
-        """Return where keys that contradict each other stand: the first, and what overrides any.
+        """Return the places of keys that contradict each other: the first, and the overrides.
 
         A file was most likely right without what the command line gave for them or below them.
         """
@@ -87,7 +87,7 @@ _TOO_MUCH = (
 )
 _CORE = "tag:yaml.org,2002:"
 _CORE_TAGS = {f"{_CORE}{name}" for name in ("map", "seq", "str", "null", "bool", "int", "float")}
-"""Of YAML 1.2; others would make dates, sets or objects of what no schema here wants."""
+"""Of YAML 1.2; other tags would make dates, sets or objects, which no schema here has."""
 
 
 _CHECK = "check blanks after colons, brackets, quotes and indentation in this line and those above"
@@ -213,7 +213,7 @@ class _Building:
         self.problems: list[ConfigProblem] = []
 
     def build(self, node: yaml.Node, path: KeyPath) -> Any:
-        """Return the data of a node; what is wrong goes to `problems`."""
+        """Return the data of a node; mistakes are added to `problems`."""
         where = f"{self._name}:{node.start_mark.line + 1}"
         self._nodes += 1
         if self._nodes > MOST_NODES or len(path) > DEEPEST:

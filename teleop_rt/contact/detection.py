@@ -124,7 +124,7 @@ def surface_variance(state: Vector, curved: bool) -> float:
 def refine_surface(state: Vector, settings: Vector, found: float, variance: float) -> None:
     """Combine a surface fitted over a contact with those before, by variance [rig unit^2].
 
-    The surface of an onset alone is replaced: what it is off by is no random error.
+    The surface of an onset alone is replaced: its error is systematic.
     """
     floor = settings[RESOLUTION] * settings[RESOLUTION] / 12.0
     fitted = variance + floor

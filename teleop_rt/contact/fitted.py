@@ -1,4 +1,4 @@
-"""Effects with numbers: what diagnosis found of them, and what they are worth to a renderer."""
+"""Effects with fitted parameters, and the slopes that a renderer needs of them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _REST_S = 1e-3  # a sample of the slave at 1 kHz
 
 
 class ExtendedModelError(ExpectedError):
-    """A model with effects cannot be used: says which key, and what was expected."""
+    """A model with effects cannot be used; the message names the key and the expected value."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def in_quadrature(fitted: FittedEffect) -> tuple[FittedEffect, ...]:
 def at_rest(effect: Effect, eta: Vector, depth: float) -> float:
     """Return an effect's value per unit amplitude at a depth, at rest, for one without memory.
 
-    0 for an effect with memory or of time: what it gives is not the depth's alone.
+    0 for an effect with memory or of time: its force does not depend on the depth alone.
     """
     if effect.state_size:
         return 0.0
@@ -105,8 +105,8 @@ def at_rest(effect: Effect, eta: Vector, depth: float) -> float:
 def slopes(effect: Effect, eta: Vector, depth: float, speed: float) -> tuple[float, float]:
     """Return the largest of |df/dx| and |df/dv| per unit amplitude at a depth, up to a speed.
 
-    What an effect with memory gives to a quick and small displacement counts as stiffness: its
-    internal springs.
+    The internal springs of an effect with memory count as stiffness: its response to a quick and
+    small displacement.
     """
     kick = _KICK * depth
     if effect.state_size:

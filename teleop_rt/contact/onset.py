@@ -41,7 +41,7 @@ def rise_error(
 def samples_of_approach(forces: Vector, last: int, apart: int, quiet: float) -> int:
     """Return how many samples the rise above `quiet` [force unit] and as much air before it have.
 
-    What the tool's mass did in the air earlier is no matter.
+    Earlier forces of the tool's mass in free air are not counted.
     """
     ring = forces.size
     seen, rise = min(apart, ring), 0

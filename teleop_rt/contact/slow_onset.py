@@ -130,7 +130,7 @@ def fit_error(
     """Return the squares that the best body with its surface at a place leaves.
 
     air (3,): number, sum and sum of squares of the forces before those `near` samples, of which
-    the newest `margin` are left out: what their averages will have seen is not known yet.
+    the newest `margin` are left out: their averages are not complete yet.
     """
     sums[:] = 0.0
     sums[0], sums[3], sums[9] = air[0], air[1], air[2]
@@ -207,7 +207,7 @@ def surface_behind_averages(
     `since` samples before, and the `apart` newest came since the last release. `noise` is the
     force's deviation, `quiet` a force below which the tool may be in the air, weights
     (span POINTS + 1,) those of a converter that settles in `span` samples;
-    room (N_ROOM,) is what it works in.
+    room (N_ROOM,) is its working memory.
     """
     rise = samples_of_rise(forces, last, since, apart, quiet)
     half, near = (span + 1) // 2, min(rise + span + 1, MOST_NEAR)

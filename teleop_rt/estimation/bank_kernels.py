@@ -98,7 +98,7 @@ def forget_row(S: Vector, W: Vector, n: int) -> None:
 def soften_row(S: Vector, W: Vector, error_power: float, n: int) -> None:
     """Trust a row's past less: it was off by an error of this power, per unit of noise variance.
 
-    The error may stand wholly on any one parameter, so each variance grows by what that makes.
+    The error may act on any one parameter alone, so each variance grows by that case.
     """
     if S[COUNT] == 0.0:
         return

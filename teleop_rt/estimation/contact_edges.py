@@ -123,7 +123,7 @@ def on_edge(state: index.BankState, event: int) -> None:
 def refit_surface(state: index.BankState) -> None:
     """Go on with the refit that the last contact's end began, one candidate per millisecond.
 
-    What it finds counts from the next contact on, which may come soon.
+    Its result counts from the next contact on, which may come soon.
     """
     if state.refit[surface_fit.STEP] == surface_fit.IDLE:
         return

@@ -1,8 +1,8 @@
 """Corrections of a sample before the estimators use it: its position, or whether it counts.
 
 A tip that lags or bends is followed by the effect itself, from the encoder alone; a slow force
-channel is met by a position that is as slow. What has no causal inverse is masked: forces at the
-saturation's level, isolated outliers.
+channel is paired with a position that is as slow. Errors without a causal inverse are masked:
+forces at the saturation's level, isolated outliers.
 """
 
 from __future__ import annotations

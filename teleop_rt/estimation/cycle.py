@@ -171,7 +171,7 @@ def watch_over(state: index.BankState, force: float) -> None:
 
 @kernel
 def weigh_terms(state: index.BankState) -> None:
-    """Sum up the additive effects' forces, and those of the rig, by what is known of them.
+    """Sum up the additive effects' forces, and those of the rig, by their known amplitudes.
 
     That is the selected row's estimate where it is ready and not far from what it started with.
     """

@@ -79,7 +79,7 @@ def write_estimate(
 ) -> bool:
     """Write a row's values and deviations (names,); return whether the deviations are known.
 
-    What is not estimated is not-a-number. room (MAX_PARAMETERS, MAX_PARAMETERS) is to work in.
+    Values that are not estimated are NaN. room (MAX_PARAMETERS, MAX_PARAMETERS) is to work in.
     """
     p: Any = places[r]
     scales = p.scales[: p.scaled]
@@ -107,7 +107,7 @@ def write_logged(
     r: int,
     stamp_ns: int,
 ) -> None:
-    """Write the row of a log (LEADING + 2 MOST_NAMES or more,): what an estimator holds now."""
+    """Write an estimator's current state to the row of a log (LEADING + 2 MOST_NAMES or more,)."""
     names, state = places[r].names, one[0].bank[r]
     row[STAMP], row[STATUS] = stamp_ns, state[layout.STATUS]
     row[FORGETTING_FACTOR], row[RESTARTS] = state[layout.LAMBDA], state[layout.RESTARTS]

@@ -1,7 +1,7 @@
 """A model extended by diagnosis, as the estimators take it: terms to estimate, samples to correct.
 
 Of an additive effect the amplitude is estimated on-line, beside the base's parameters; its shape
-parameters stay what diagnosis found. Every other effect acts on position, force or time before
+parameters keep the diagnosed values. Every other effect acts on position, force or time before
 the regressions see them; it is taken as found, for it enters nonlinearly. A `contact_offset`
 needs no correction: the surface is found again in each run.
 """

@@ -26,7 +26,7 @@ _SERIES = 40
 
 @dataclass(frozen=True, slots=True)
 class DesignedFilter:
-    """A discretised filter with what it costs.
+    """A discretised filter with its delay and noise gain.
 
     transition (3, 3), gain_before (3,), gain_now (3,) advance (value, rate, curvature) of a linear
     filter; window > 0 is the longest window [ticks] of FOAW instead. lag_s is the delay at low

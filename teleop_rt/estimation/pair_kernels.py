@@ -18,15 +18,15 @@ Counts = NDArray[np.int64]
 StoredPairs = NDArray[np.record]
 
 MOST_BEHIND = 3
-"""Periods by which even pairs may be behind the newest values; what is older is left out."""
+"""Periods by which even pairs may be behind the newest values; older values are left out."""
 LARGEST_GAP_PERIODS = 2.5
 """Between two forces that are interpolated: of two clocks one frame is overwritten, seldom more.
 
-What is missing beyond that is a gap, of which the estimators know."""
+A longer loss is a gap, of which the estimators know."""
 
 
 class Pairs:
-    """Fields of what a pairing keeps: settings, its rings' places, and the newest pair.
+    """Fields of a pairing's record: settings, its rings' places, and the newest pair.
 
     `averages` says that the position is averaged by the caller, in `half_ns` about the time, and
     `is_even` that the pairs are at evenly spaced times.
@@ -127,7 +127,7 @@ def take_next(
     force: float,
     force_ns: int,
 ) -> int:
-    """Take what is valid in a cycle; meet the oldest new force once its position is there."""
+    """Take a cycle's valid values; pair the oldest new force once its position is there."""
     note_position(p, stamps, positions, position, position_ns)
     if force_ns != p.force_ns:
         p.force_ns = force_ns
@@ -154,7 +154,7 @@ def take_even(
     force: float,
     force_ns: int,
 ) -> int:
-    """Take what is valid in a cycle; meet at the next of evenly spaced times, if it has come."""
+    """Take a cycle's valid values; pair them at the next of evenly spaced times, if it has come."""
     size = len(times)
     note_position(p, stamps, positions, position, position_ns)
     last = (p.oldest + p.waiting - 1) % size
@@ -195,7 +195,7 @@ def take_values(
     force: float,
     force_ns: int,
 ) -> int:
-    """Take what is valid in a cycle, with its stamps; return whether there is a pair."""
+    """Take a cycle's valid values with their stamps; return whether there is a pair."""
     p: Any = stored[0]
     if p.is_even > 0:
         return take_even(

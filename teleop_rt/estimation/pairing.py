@@ -101,12 +101,12 @@ class Pairing:
         pairs.position = pairs.force = 0.0
 
     def take(self, position: float, position_ns: int, force: float, force_ns: int) -> bool:
-        """Take what is valid in a cycle, with its stamps; return whether there is a new pair."""
+        """Take a cycle's valid values with their stamps; return whether there is a new pair."""
         found = self._take(position, position_ns, force, force_ns)
         return found == PAIR or (found == TO_AVERAGE and self.average())
 
     def taker(self, stored: StoredSample) -> Callable[[bool], int]:
-        """Return what takes a cycle's sample, where that is ready: NOTHING, PAIR or TO_AVERAGE."""
+        """Return a kernel that takes a cycle's sample and returns NOTHING, PAIR or TO_AVERAGE."""
         return bound(take_sample, (stored, *self._arrays), True)  # noqa: FBT003
 
     def average(self) -> bool:

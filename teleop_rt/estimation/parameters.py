@@ -76,7 +76,7 @@ def physical_over_time(row: RowSpec, theta: Matrix, length: float, time: float) 
 
 
 def _stiffness_place(row: RowSpec) -> int:
-    """Return where a row's theta holds what a wrong surface moves, NONE where nothing is moved."""
+    """Return the place in a row's theta that a wrong surface changes, NONE if there is none."""
     names = [p.name for p in row.declared.parameters]
     name = "k" if row.linear else "n"
     return names.index(name) if name in names else NONE

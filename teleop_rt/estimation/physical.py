@@ -31,7 +31,7 @@ def deviation(variance: float) -> float:
 
 @kernel
 def widening(S: Vector, i: int) -> float:
-    """Return the factor on a deviation by which noise counts as what it is, coloured by filters."""
+    """Return the factor on a deviation that accounts for noise coloured by filters."""
     return math.sqrt(S[layout.SCORE_POWER + i] / max(S[layout.INFO_POWER + i], 1e-300))
 
 
@@ -136,7 +136,7 @@ def row_covariance(
 
 @kernel
 def linear_values(state: index.BankState, r: int, scales: Vector, values: Vector) -> None:
-    """Write a linear row's parameters, with the free offset; not-a-number for what is not there."""
+    """Write a linear row's parameters, with the free offset; not-a-number for those it lacks."""
     values[:] = math.nan
     for i in range(min(state.active[r], len(values))):
         values[i] = state.bank[r, layout.THETA + i] * scales[i]

@@ -165,7 +165,7 @@ class Pipeline:
         skip(self._state, ticks)
 
     def _forget_the_approach(self) -> None:
-        """Empty the effects' memories when the surface is met: what came before was free air."""
+        """Empty the effects' memories when the surface is met: they were of free air."""
         known = bool(self._state.detector[detection.SURFACE_KNOWN] > 0.0)
         if known and not self._surface_met and self._terms is not None:
             self._terms.reset()
@@ -272,7 +272,7 @@ class Pipeline:
         return names, values, deviations if known_deviations else None
 
     def write_estimate(self, row: int, values: Vector, deviations: Vector) -> bool:
-        """Write a row's estimate in rig units, not-a-number for what is not estimated.
+        """Write a row's estimate in rig units, not-a-number where nothing is estimated.
 
         values and deviations: as long as the row's parameters and, of a linear model, its offset.
         Returns whether the deviations are known.

@@ -43,13 +43,13 @@ def compile_ticks(
     here: Callable[[], object] = lambda: None,
     beside: Callable[[], object] = lambda: None,
 ) -> None:
-    """Compile the kernels of a tick into the cache, and `here` what needs them.
+    """Compile the kernels of a tick into the cache, and `here` their callers.
 
-    A second process compiles `beside` it what does not need the tick. Must be called while this
+    A second process compiles `beside` it kernels without the tick. Must be called while this
     process has one thread.
     """
     load_compiler()
-    gc.freeze()  # the collector takes a tenth of the time, looking through what is loaded and stays
+    gc.freeze()  # the collector takes a tenth of the time, to visit objects that stay loaded
     second = _FORK.Process(target=beside)
     with _ended_at_once(second):
         second.start()

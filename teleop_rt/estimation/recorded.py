@@ -28,7 +28,7 @@ class Samples(NamedTuple):
 def estimated_samples(
     slave: dict[str, Array], settings: PipelineSettings, loop_period_ns: int
 ) -> Samples:
-    """Return what the estimators had, from the slave's recorded signals (cycles,).
+    """Return the input of the estimators, from the slave's recorded signals (cycles,).
 
     Position, force and flags are taken out of `slave`: of an hour both would fill the memory.
     """

@@ -50,7 +50,7 @@ def direct_row(code: int, m: Vector, phi: Vector) -> float:
 
 @kernel
 def by_surface(code: int, m: Vector) -> float:
-    """Return what a surface less deep by L adds to y of `direct_row`, per unit of k, or of n.
+    """Return the change of `direct_row`'s y by a surface less deep by L, per unit of k, or of n.
 
     A spring's force grows by k, its logarithm (2.6) by n / x.
     """

@@ -22,7 +22,7 @@ _UNKNOWN = ("warming up", "restarted")
 
 
 def _number(value: float | None) -> float | None:
-    """Return a number that JSON can hold: null for what is not finite."""
+    """Return a number that JSON can hold: null if it is not finite."""
     return value if value is not None and math.isfinite(value) else None
 
 

@@ -29,7 +29,7 @@ OFFSET = DeclaredParameter("offset", "{f}")
 
 @dataclass(frozen=True, slots=True)
 class RowSpec:
-    """One estimator: what it fits, on which regression, by which solver.
+    """One estimator: its model, its regression, its solver.
 
     `effects` are additive terms beyond the model, estimated in multiples of `scales` (1 unless
     given), so that their regressors are forces; `parameters` names what is estimated, the model's
@@ -92,7 +92,7 @@ def allowed(model: str, regression: str) -> bool:
 
 
 def whole_for(rows: Iterable[RowSpec]) -> Whole:
-    """Return what a bank of these rows needs of the kernels: see `layout.Whole`."""
+    """Return the parts of the kernels that a bank of these rows needs: see `layout.Whole`."""
     plain = all(
         row.regression == "direct" and row.solver == "rls" and not row.effects for row in rows
     )

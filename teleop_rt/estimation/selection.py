@@ -63,7 +63,7 @@ def freeze(record: Vector, S: Vector, n: int) -> None:
 def score(record: Vector, error: float, compared: bool, dt: float) -> None:
     """Add one open-loop force error to a row's record; `compared` with those of the other rows.
 
-    What a row predicts where others are not asked, in free air, says nothing for choosing it.
+    Errors in free air, where the other rows predict nothing, are not a reason to choose a row.
     """
     record[TOTAL_POWER] += error * error
     record[SCORED] += 1.0

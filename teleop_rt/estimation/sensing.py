@@ -117,7 +117,7 @@ def advance_logarithms(state: index.BankState, x: float, f: float) -> None:
 
 @kernel
 def filter_free(state: index.BankState, x: float, force: float) -> None:
-    """Advance what the models with a free offset use: in contact and out of it (x scaled)."""
+    """Advance the signals of the models with a free offset: in contact and out of it (x scaled)."""
     q = state.q
     if q[index.FREE_RUNNING] > 0.0:
         advance(state, index.FREE, force)

@@ -89,7 +89,7 @@ class PipelineSettings:
         )
 
     def pairing(self, loop_period_ns: int) -> Pairing | None:
-        """Return what pairs the samples of slow sensors, None where every cycle has its own."""
+        """Return the pairing of slow sensors' samples, None where every cycle has its own."""
         if self.paired_lag_s is None:
             return None
         pair_period_ns = round(1e9 * self.period_s)
@@ -227,7 +227,7 @@ def allocate(
 
 
 def clear(one: PipelineSettings, state: index.BankState, bank: Bank) -> None:
-    """Set everything that a tick writes to what it is before the first one."""
+    """Set everything that a tick writes to its value before the first one."""
     for array in (state.q, state.detector, state.rings, state.history, state.channels):
         array[:] = 0.0
     for array in (state.windows, state.log_windows, state.sums, state.records, state.choice):

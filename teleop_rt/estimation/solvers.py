@@ -173,7 +173,7 @@ def gradient_step(S: Vector, W: Vector, phi: Vector, e: float, n: int) -> None:
 
 @kernel
 def perturbation(S: Vector, W: Vector, e: float) -> float:
-    """Return what a self-perturbing solver adds to the diagonal of P (3.6; 3.7 and 3.8).
+    """Return the increase of P's diagonal by a self-perturbing solver (3.6; 3.7 and 3.8).
 
     Noise-immunised, with the sign of (3.8) corrected; one-sided, it ignores errors below the
     noise, where the report's absolute value perturbs as well.

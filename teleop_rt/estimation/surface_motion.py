@@ -30,7 +30,7 @@ X, F, ERROR_POWER, PEAK, CONTACT_S, PRESSED_S, N_SIGNALS = range(7)
 GAIN, PERIOD, POLE, LEAST_FORCE, N_SETTINGS = range(5)
 
 EXPONENTS = tuple(np.linspace(1.0, 2.0, 21).tolist())
-"""Of bodies from linear to what stiffens most; Hertz's sphere has 1.5."""
+"""Of bodies from linear to the strongest stiffening; Hertz's sphere has 1.5."""
 BETTER = 0.8
 """Share of the residual of the law in use that another must leave to take its place."""
 REFERENCE = 20.0
@@ -77,7 +77,7 @@ def predict(z: Vector, p: Matrix, settings: Vector, seen: bool) -> None:
 
 @kernel
 def forget(p: Matrix, dt: float) -> None:
-    """Let k and b become less known by a tick, up to what was never known."""
+    """Increase the uncertainty of k and b by a tick, up to that before any estimate."""
     grown = math.sqrt(1.0 + dt / MEMORY_S)
     for j in range(C):
         if p[j, j] * grown * grown <= START_VARIANCE:

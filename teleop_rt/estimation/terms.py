@@ -75,7 +75,7 @@ def _compile(effects: tuple[Effect, ...], scales: tuple[float, ...]) -> TermsFun
 def _link(
     before: TermsFunction, step: object, scale: float, index: int, slots: tuple[int, int, int, int]
 ) -> TermsFunction:
-    """Return a compiled function that does what `before` does and then one more effect."""
+    """Return a compiled function that calls `before` and then applies one more effect."""
     s0, s1, e0, e1 = slots
 
     @numba.njit(error_model="numpy")

@@ -100,7 +100,7 @@ def stiffness_delays(trace: Trace, half_window_s: float = 0.25) -> list[float | 
 
 
 def _held(values: Vector) -> Vector:
-    """Return values with each NaN replaced by what came before it, or by the first known."""
+    """Return values with each NaN replaced by the value before it, or by the first known."""
     known = np.flatnonzero(np.isfinite(values))
     if known.size == 0:
         return np.zeros_like(values)

@@ -39,7 +39,7 @@ Plans = NDArray[np.float64]
     AMPLITUDES,
 ) = range(12)
 NUMBERS = {"k": 0.0, "b": 0.0, "n": 1.0, "offset": 0.0, "m": 0.0}
-"""Those from K on, with what they are in a model that does not have them."""
+"""Fields from K on, with their values in a model that lacks them."""
 ROW, PLACE, SCALE, DEFAULT, N_PLAN = range(5)
 
 

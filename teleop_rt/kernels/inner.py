@@ -1,4 +1,4 @@
-"""Kernels that other kernels take in without what only Python needs of them.
+"""Kernels that other kernels include without the parts that only Python needs.
 
 numba compiles each function that a compiled one calls as if Python called it, too: machine code, a
 wrapper for Python, one for C and a file in the cache for every step within a tick; and each caller
@@ -35,7 +35,7 @@ def _equal(one: Any, other: Any) -> bool:
 
 
 def _hashed(one: Any) -> int:
-    """Return what numba's own hash depends on: the names of the options, not their values."""
+    """Return the input of numba's own hash: the names of the options, not their values."""
     return hash(type(one))
 
 
@@ -55,7 +55,7 @@ class _InnerLibrary(_Library):  # type: ignore[misc] # numba has no types
     def _get_module_for_linking(self) -> Any:
         """Return the code of this function and of all that it calls.
 
-        Callers come first, for the linker takes in only what is referred to by then.
+        Callers come first, for the linker includes only symbols referred to by then.
         """
         module = self.own_module().clone()
         for library in _callers_first(self)[1:]:
@@ -67,7 +67,7 @@ class _InnerLibrary(_Library):  # type: ignore[misc] # numba has no types
         return super()._get_module_for_linking()
 
     def called(self) -> list[Any]:
-        """Return the libraries of what this function calls."""
+        """Return the libraries of the functions that this one calls."""
         return list(self._linking_libraries)
 
 
@@ -107,7 +107,7 @@ class _InnerFlavour(_Dispatcher):  # type: ignore[misc] # numba has no types
         return self.get_overload(sig)
 
     def get_overload(self, sig: Any) -> Any:
-        """Return what numba finds the code of a signature by."""
+        """Return numba's key of a signature's code."""
         args, _ = _normalized(sig)
         return self.overloads[tuple(args)].library
 
@@ -123,7 +123,7 @@ class _InnerFlavour(_Dispatcher):  # type: ignore[misc] # numba has no types
 
 
 class _Cache(_FunctionCache):  # type: ignore[misc] # numba has no types
-    """Compiled code on disk, loaded without what only compiling needs.
+    """Compiled code on disk, loaded without the parts that only compilation needs.
 
     numba's own first loads all that its compiler knows of Python and numpy: 0.1 s, and 40 MB.
     """
@@ -160,5 +160,5 @@ class Kernel(_Dispatcher):  # type: ignore[misc] # numba has no types
         return self._inner.get_call_template(args, kws)
 
     def get_overload(self, sig: Any) -> Any:
-        """Return what a kernel finds the code of a signature by."""
+        """Return a kernel's key of a signature's code."""
         return self._inner.get_overload(sig)

@@ -43,7 +43,7 @@ _KEPT_S = 30 * 24 * 3600.0
 
 
 def load_compiler() -> None:
-    """Load what numba otherwise loads at its first kernel: a process that forks does it for all."""
+    """Load the modules of numba's first kernel now: a process that forks does it for all."""
     from numba.core.registry import cpu_target  # noqa: PLC0415 - only who forks pays for it here
 
     cast("Any", cpu_target.target_context).refresh()
@@ -78,7 +78,7 @@ def _imported(file: Path) -> frozenset[Path]:
     for match in _IMPORT.finditer(_content(file)):
         module = (match[1] or match[3]).decode()
         found.add(place := _file_of(module))
-        if place is None or place.name == "__init__.py":  # what is named may be a module, too
+        if place is None or place.name == "__init__.py":  # the name may be a module's, too
             names = re.findall(r"[A-Za-z_]\w*", (match[2] or b"").decode())
             found |= {_file_of(f"{module}.{name}") for name in names}
     return frozenset(path for path in found if path is not None)
@@ -103,7 +103,7 @@ def _file_of(module: str) -> Path | None:
 
 @functools.cache
 def machine() -> str:
-    """Return what compiled code depends on beside its source.
+    """Return the dependencies of compiled code beside its source.
 
     That is numba, Python, the processor, and whether NUMBA_BOUNDSCHECK asks for checked indices.
     """
@@ -119,7 +119,7 @@ def fingerprint(file: Path) -> str:
     """Return a name for the contents of all `sources_of` a file, and for the `machine`.
 
     Files of our packages count by their place within the package, others by their place on the
-    disk: what those import from beside them is not followed.
+    disk: their own imports are not followed.
     """
     digest = hashlib.sha256(machine().encode())
     for path in sorted(sources_of(file), key=_name_of):
@@ -150,7 +150,7 @@ def kernel_folder(file: Path) -> Path | None:
 
 
 class KernelLocator:
-    """Where numba keeps a file's kernels, and by what it knows that they are current.
+    """The folder of a file's kernels in numba's cache, and the check that they are current.
 
     numba uses it instead of its own locators, which compare the time of the file.
     """
@@ -164,7 +164,7 @@ class KernelLocator:
         return cls(Path(file), function.__code__.co_firstlineno)
 
     def ensure_cache_path(self) -> None:
-        """Make the folder; what is used stays young, for old ones are removed."""
+        """Make the folder and renew its date: unused folders are removed by age."""
         folder = Path(self.get_cache_path())
         folder.mkdir(exist_ok=True)
         os.utime(folder)
@@ -174,7 +174,7 @@ class KernelLocator:
         return str(kernel_folder(self._file))
 
     def get_source_stamp(self) -> str:
-        """Return what must be equal for a cached kernel to be current."""
+        """Return the values that must be equal for a cached kernel to be current."""
         return fingerprint(self._file)
 
     def get_disambiguator(self) -> str:
@@ -185,8 +185,8 @@ class KernelLocator:
 def cache_root(environment: Mapping[str, str]) -> Path | None:
     """Return the folder below which compiled kernels lie; None where nothing can be written.
 
-    That is NUMBA_CACHE_DIR, else below XDG_CACHE_HOME, else below ~/.cache. What has not been
-    used for a month is removed.
+    That is NUMBA_CACHE_DIR, else below XDG_CACHE_HOME, else below ~/.cache. Kernels that were not
+    used for a month are removed.
     """
     user_cache = environment.get("XDG_CACHE_HOME") or "~/.cache"
     named = environment.get("NUMBA_CACHE_DIR") or f"{user_cache}/teleop-rt"
@@ -248,8 +248,8 @@ def bound(
 
     A kernel that Python calls finds the types of its arguments out each time, which takes longer
     than many a step within a tick. Code that is called without that reads an array of other
-    dimensions beyond its end, so all arrays are bound here, where their types are taken. What
-    comes with each call is checked by its type alone: numbers, flags and bytes. Raises TypeError
+    dimensions beyond its end, so all arrays are bound here, where their types are taken. The
+    arguments of each call are checked by type alone: numbers, flags and bytes. Raises TypeError
     for an array in the example.
     """
     if any(isinstance(one, np.ndarray) for one in example):

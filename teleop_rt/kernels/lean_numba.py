@@ -1,7 +1,7 @@
 """Load numba without the packages that it only detects: a daemon needs none of them.
 
 numba loads scipy to read its version, coverage to report compiled lines to it, BLAS and cffi to
-detect them; together that is a fifth of what a daemon takes to start.
+detect them; together that is a fifth of a daemon's start-up time.
 """
 
 from __future__ import annotations

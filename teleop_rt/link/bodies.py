@@ -1,4 +1,4 @@
-"""Bodies of messages as records: what `codec` packs, for kernels that write each field."""
+"""Bodies of messages as records, which `codec` packs, for kernels that write each field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Budgets of what strangers may cost: so many a second, in all or for each address."""
+"""Budgets of strangers' packets: so many a second, in all or for each address."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An authenticated end of the link: the newest message of each kind, and what was refused.
+"""An authenticated end of the link: the newest message of each kind, and refused packets.
 
 Whatever does not verify is dropped in silence and counted by its reason. Of what verifies, the
 newest wins: a message older than the newest of its kind is not applied, and neither is one whose
@@ -120,7 +120,7 @@ class Endpoint(EndpointState):
         self._sent = self.statistics.words.data[SENT : SENT + 1]
 
     def poll(self) -> None:
-        """Take in what has arrived, a bounded number of packets, and keep the session alive.
+        """Take in arrived packets, a bounded number of them, and keep the session alive.
 
         Where one packet waits and is expected, or none waits, a kernel finds that out.
         """
@@ -146,7 +146,7 @@ class Endpoint(EndpointState):
             self._call(self._caller, now_ns)
 
     def _poll_transport(self, now_ns: int) -> None:
-        """Take in what has arrived, packet by packet."""
+        """Take in arrived packets, one by one."""
         self._answerer.new_poll()
         sessions, receive = self.sessions, self.transport.receive
         for _ in range(PACKETS_PER_POLL):
@@ -163,7 +163,7 @@ class Endpoint(EndpointState):
                 self.statistics.reject(error.reason)
 
     def _bind(self, window: ReplayWindow) -> None:
-        """Let what nearly every packet passes work on the window of the session that stands."""
+        """Connect the kernels of nearly every packet to the window of the open session."""
         words = self.words, window.words
         self._is_expected = bound(intake.is_expected, words, b"", 0, 0)
         if self._door is not None:
@@ -177,7 +177,7 @@ class Endpoint(EndpointState):
             self.clock.fix()
 
     def forget_waiting(self) -> None:
-        """Drop what has come while nobody polled: a peer that called for minutes left thousands."""
+        """Drop packets that arrived while nobody polled: a peer may have left thousands."""
         for _ in range(MOST_WAITING):
             if self.transport.receive() is None:
                 return
@@ -271,7 +271,7 @@ class Endpoint(EndpointState):
             self._state, self.fresh_state = body, True
 
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
-        """Take in a packet of the session; the steps are in the order of what they cost."""
+        """Take in a packet of the session; the steps are in the order of their cost."""
         if len(packet) < HEADER_BYTES + TAG_BYTES:
             raise MessageError("length")
         sessions = self.sessions
@@ -306,7 +306,7 @@ class Endpoint(EndpointState):
             self.store(kind, body, read)
 
     def _count_problem(self, problem: int) -> None:
-        """Raise MessageError for what a kernel found wrong; a wrong echo is only counted."""
+        """Raise MessageError for a kernel's error code; a wrong echo is only counted."""
         if problem >> intake.ECHO_SHIFT:
             self.statistics.reject(intake.PROBLEMS[problem >> intake.ECHO_SHIFT])
         if refused := problem & intake.REFUSED:

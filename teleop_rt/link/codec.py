@@ -50,7 +50,7 @@ VERSION_AT, KIND_AT, SESSION_AT, SEQUENCE_AT, STAMP_AT, ECHO_AT, HELD_AT = 2, 3,
 
 
 pack_header = functools.partial(_HEADER.pack, MAGIC, VERSION)
-"""The 44 bytes of a header, from what a `Header` has in its order."""
+"""The 44 bytes of a header, from the fields of a `Header` in its order."""
 
 
 motion_body = _MOTION.pack

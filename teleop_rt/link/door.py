@@ -43,8 +43,8 @@ Doors = NDArray[np.record]
 class PacketDoor:
     """A socket that receives into `packets`, for kernels: `arrays`, and `door` by name.
 
-    Of the packet that was received first `clear` is the header, and `nonce` that of its number if
-    it was expected. What follows the header is `newest`, if it has this `length`.
+    `clear` is the header of the packet received first, and `nonce` that of its number if it was
+    expected. `newest` is the rest of that packet, if it has this `length`.
     """
 
     def __init__(self, packets: Packets, descriptor: int) -> None:

@@ -1,4 +1,4 @@
-"""The handshake's packets: who may ask, who is answered, and what it costs to be a stranger.
+"""The handshake's packets: who may ask, who is answered, and a stranger's cost.
 
     Hello    header | Noise message 1 (rate, chain that it renews) | mac1 | mac2
     Welcome  header | Noise message 2 (rate, chain that it renews) | mac1
@@ -182,7 +182,7 @@ class Answerer:
         return None
 
     def confirmed(self) -> None:
-        """Forget what else was granted: one session alone stands."""
+        """Forget all other grants: only one session is open."""
         self.pending.clear()
 
     def answer(

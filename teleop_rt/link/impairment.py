@@ -38,7 +38,7 @@ class Impairment:
 
     @classmethod
     def one_way(cls, link: LinkConfig) -> Impairment:
-        """Return half of what a trial's link asks for: each direction takes one half."""
+        """Return half of a trial's impairment: each direction takes one half."""
         return cls(
             delay_ns=round(link.round_trip_ms * NS_PER_MS / 2),
             jitter_ns=round(link.jitter_ms * NS_PER_MS / 2),
@@ -54,7 +54,7 @@ class Impairment:
 
 
 class ImpairedTransport:
-    """Holds back, loses, duplicates and reorders what is sent over another transport.
+    """Delays, loses, duplicates and reorders the packets sent over another transport.
 
     Packets wait in a queue bounded to QUEUE_LIMIT, ordered by delivery time, and go on when
     either end of this transport is used at or after that time. Deterministic for a seed.
@@ -107,7 +107,7 @@ class ImpairedTransport:
         self._inner.confirm_sender()
 
     def close(self) -> None:
-        """Forget what is under way and close the inner transport."""
+        """Forget the packets under way and close the inner transport."""
         self._queue.clear()
         self._inner.close()
 

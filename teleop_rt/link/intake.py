@@ -133,7 +133,7 @@ def _stamp(packet: bytes | Bytes, at: int) -> int:
 
 @kernel
 def read_header(link: Whole, packet: bytes | Bytes) -> int:
-    """Read the header of a packet into the first words; return what is wrong with it, or FINE."""
+    """Read the header of a packet into the first words; return its error code, or FINE."""
     if len(packet) < _HEADER_BYTES:
         return _LENGTH
     if int(packet[0]) | int(packet[1]) << 8 != _MAGIC_WORD:
@@ -208,7 +208,7 @@ def _finite(body: bytes, at: int) -> bool:
 
 @kernel
 def _body_problem(kind: int, body: bytes) -> int:
-    """Return what is wrong with the body of a motion or a state, or FINE."""
+    """Return the error code of the body of a motion or a state, or FINE."""
     if len(body) != (_MOTION_BYTES if kind == _MOTION else _STATE_BYTES):
         return _LENGTH
     for number in range(_NUMBERS):
@@ -231,7 +231,7 @@ def take_in(
     lost: int,
     now_ns: int,
 ) -> int:
-    """Take in the packet whose header was read last and that verified; return what is wrong.
+    """Take in the packet whose header was read last and that verified; return its code or FINE.
 
     `epoch` is that of its keys, `lost` how many of the peer's packets have not come. A message
     that was overtaken still informs about the clocks; one whose body is wrong does not.

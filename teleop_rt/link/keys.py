@@ -34,7 +34,7 @@ _CREDENTIALS = "CREDENTIALS_DIRECTORY"
 
 
 class KeyFileError(ExpectedError):
-    """The key file cannot be used: says which, why and what to do next."""
+    """The key file cannot be used; the message names it, the cause and the next step."""
 
 
 class PeerKey(NamedTuple):
@@ -137,7 +137,7 @@ def _distinct(keys: PeerKeys, path: Path) -> PeerKeys:
 
 
 def _private(path: Path) -> bytes:
-    """Return what a key file holds; what is looked at and what is read is one file.
+    """Return the keys of a file; the file that is checked is the one that is read.
 
     systemd gives the service's user its credentials through an access list, which shows as the
     group's right to read; such a file is guarded by its folder. Raises KeyFileError.

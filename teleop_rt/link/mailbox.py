@@ -41,7 +41,7 @@ class Mailbox:
         return self._state
 
     def store(self, kind: int, body: bytes, read: Message | None) -> None:
-        """Keep a message that is news, of which `read` is what was read of its body already."""
+        """Keep a new message; `read` is the part of its body that was read already."""
         if kind == Kind.MOTION:
             self.newest_motion.take(body)
             self._motion, self.fresh_motion = body, True

@@ -13,7 +13,7 @@ from teleop_rt.link.statistics import Statistics
 
 @functools.cache
 def load_kernels() -> None:
-    """Compile or load what a packet passes, so that the first one does not wait for it."""
+    """Compile or load the kernels of a packet, so that the first one does not wait for them."""
     link, clock, statistics = intake.new_words(0, 0), PeerClock(), Statistics()
     words = (link, clock.words, statistics.words)
     intake.read_header(link, bytes(HEADER_BYTES))

@@ -24,7 +24,7 @@ WINDOW_NS = 10_000_000_000
 PEAK_NS = 1_000_000_000
 """Two such windows of transits give the link's own delay, with its jitter."""
 SLEW_PPM = 100
-"""Twice what a crystal oscillator drifts; the offset of a fixed clock follows no faster."""
+"""Twice the drift of a crystal oscillator; the offset of a fixed clock follows no faster."""
 FUTURE_NS = 50_000_000
 """How far from the future a stamp may come: errors of the offset beyond half a round trip."""
 UNDATED = -(2**63)

@@ -29,7 +29,7 @@ _NEWEST, _COUNT, _SEEN = range(3)
 
 @kernel
 def problem_of(window: NDArray[np.int64], sequence: int) -> int:
-    """Return 0, or the place in _PROBLEMS of what is wrong with a number."""
+    """Return 0, or the place in _PROBLEMS of a number's error."""
     if sequence < 0 or sequence <= window[_NEWEST] - REPLAY_WINDOW:
         return 1  # one that reads as negative is 2^63 or more: no sender counts so far
     if sequence == 0 or window[_SEEN + sequence % REPLAY_WINDOW] == sequence:

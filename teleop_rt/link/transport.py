@@ -30,7 +30,7 @@ MEMORY_QUEUE = 4096
 
 
 class LinkError(ExpectedError):
-    """The link cannot be opened as configured: says what, where and what to do next."""
+    """The link cannot be opened as configured; the message gives cause, place and next step."""
 
 
 class Transport(Protocol):
@@ -46,7 +46,7 @@ class Transport(Protocol):
     def send(self, packet: bytes, to: Address | None = None) -> None:
         """Send a datagram to the peer, or to another address.
 
-        Never raises and never blocks: what cannot be sent is lost.
+        Never raises and never blocks: a packet that cannot be sent is lost.
         """
 
     def receive(self) -> bytes | None:

@@ -120,7 +120,7 @@ class Adoption:
         return low
 
     def shift(self, distance: float) -> None:
-        """Move what is rendered, with the hand whose coordinate moves alike; the force stays."""
+        """Move the rendered walls with the hand's coordinate; the force stays."""
         self.old = replace(self.old, surface=self.old.surface + distance)
         self.new = replace(self.new, surface=self.new.surface + distance)
         self._waiting = None
@@ -195,7 +195,7 @@ class Adoption:
         return self._of_law(*wall.law, position - wall.surface, 0.0, self._force_max)[2]
 
     def _felt(self, wall: Wall, position: float, velocity: float) -> Felt:
-        """Return what a wall answers to the hand in this tick; found out once."""
+        """Return a wall's force on the hand in this tick; computed once."""
         found = self._felts.get(id(wall))
         if found is not None:
             return found
@@ -209,7 +209,7 @@ class Adoption:
         return found
 
     def _rendered(self, position: float, velocity: float) -> Felt:
-        """Return what the hand feels, as blended."""
+        """Return the blended force on the hand."""
         new = self._felt(self.new, position, velocity)
         weight = self.weight
         if weight >= 1:
@@ -239,7 +239,7 @@ class Adoption:
         return self._force_step - step
 
     def _takes_over(self, wall: Wall, position: float, velocity: float) -> bool:
-        """Render a wall alone if it pushes as what is rendered does, and the tank can pay for it.
+        """Render a wall alone if its force equals the rendered one, and the tank covers the energy.
 
         Returns whether it is rendered now.
         """

@@ -14,7 +14,7 @@ from teleop_rt.link.messages import StateMessage
 
 
 class Coupling(Protocol):
-    """The master's end of a coupling; `energy_J` is what the hand has put into it so far."""
+    """The master's end of a coupling; `energy_J` is the hand's input so far."""
 
     energy_J: float
 

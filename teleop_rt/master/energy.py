@@ -74,13 +74,13 @@ def count(p: PortEnergy, acted: float, force: float, stored_J: float, taken_J: f
 
 @kernel
 def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: bool) -> float:
-    """Return the force less what the energy taken in this contact does not pay for.
+    """Return the force without the part that the energy taken in this contact does not cover.
 
-    That is what the hand gave and the tank, while bounded what the hand gave alone. A spring
+    That is the energy of hand and tank, while bounded the hand's alone. A spring
     that has a share of its energy has the square root of it as its force: it begins deeper.
     While bounded a share is kept as well that grows without a step from where the hand turned,
     to 1 - GIVEN_BACK in all: a latency that is longer than the device says makes up to that.
-    What is withheld is found on the way out, and on the way in only falls, over `RECOVERS_S`:
+    The withheld part is computed on the way out, and only falls on the way in, over `RECOVERS_S`:
     a force that is whole again at each turn is a step there, and a hand at rest chatters.
     """
     if not 0.0 < stored_J < math.inf:
@@ -151,7 +151,7 @@ def _number(name: str) -> Any:
 
 
 class PassivityObserver:
-    """Observes the energy that the hand gives to the port in a contact, and damps what is missing.
+    """Observes the energy that the hand gives to the port in a contact, and damps a deficit.
 
     A passive port keeps E >= -ε, with ε the tank's capacity plus its allowance since the contact
     began. Below that, damping is added, at most what is said to be still passive, until the deficit

@@ -1,4 +1,4 @@
-"""A simulated hand: it holds the device like a spring and pushes towards what it intends."""
+"""A simulated hand: it holds the device like a spring and pushes towards its intended motion."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The safety chain of the operator's device: what takes its force away, within 20 ms.
+"""The safety chain of the operator's device, which takes its force away within 20 ms.
 
-Each hazard is judged on what the device itself says, every cycle, and the first one is latched: a
+Each hazard is judged on the device's own report, every cycle, and the first one is latched: a
 device that was let go pushes no more until the master restarts.
 """
 
@@ -27,7 +27,7 @@ STALE_S = 0.010
 ENABLING_S = 2.0
 """A drive takes less to follow; until it does, no force is felt and nothing is wrong."""
 FORCE_OFF_S = 0.005
-"""How long a force may lie outside of what was commanded lately: a settling current does less."""
+"""How long a force may lie outside the recent commands: a settling current takes less."""
 FORCE_WINDOW_S = 0.010
 """Window of recent commands: longer than any bus and drive take to answer."""
 FORCE_SHARE = 0.1
@@ -49,7 +49,7 @@ _POSITION_OFF = faults.POSITION_OFF.code
 
 
 class WatchFields:
-    """Fields of the watch's record: what the device is and has, then what has been seen."""
+    """Fields of the watch's record: properties of the device, then observations."""
 
     period_s: float
     position_min: float
@@ -84,7 +84,7 @@ def extremes(window: Window) -> tuple[float, float]:
 
 @kernel
 def is_off(w: WatchFields, least: float, most: float, force: float) -> bool:
-    """Return whether the motor's force has not been what was commanded for too long."""
+    """Return whether the motor's force has differed from the command for too long."""
     if w.has_force == 0:
         return False
     slack = FORCE_SHARE * w.force_max

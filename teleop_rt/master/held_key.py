@@ -33,7 +33,7 @@ class HeldKey:
             ) from error
 
     def update(self) -> bool:
-        """Take in what has happened; return whether the key is held. Never raises."""
+        """Read the new events; return whether the key is held. Never raises."""
         try:
             events = os.read(self._file, _MOST_EVENTS * _EVENT.size)
         except BlockingIOError:

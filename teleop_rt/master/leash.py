@@ -5,8 +5,8 @@ friction with an elastic grip on the hand (Hayward and Armstrong 2000): it holds
 forward, follows a hand that goes back without pushing it, and slides at its limit, so it gives no
 energy. Its limit rises from half the leash on, and is whole at its end. It falls slowly, also when
 the slave begins to follow or the touch is known: a hand that has leant against the brake would be
-flung forward where it ended at once, and the tool behind it. What falls is what the hand leans on,
-however little: taken away within a period of the hand, it is a kick. The grip is damped as far as
+flung forward where it ended at once, and the tool behind it. The fall begins at the present force,
+however small: a force that ends within a period of the hand is a kick. The grip is damped as far as
 the device can render it: a hand that taps on a spring alone rings, damped by little but its own.
 """
 
@@ -61,7 +61,7 @@ class Leash:
         return max(0.0, min(self._limit, self._spring + damping * velocity))
 
     def _limit_at(self, wanted: float) -> float:
-        """Return the limit of a tick: a lower one is reached slowly, from what is leant on."""
+        """Return the limit of a tick: a lower one is reached slowly, from the present force."""
         if wanted >= self._limit:
             self._falls = 0.0
             return wanted

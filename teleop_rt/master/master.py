@@ -267,7 +267,7 @@ class Master:
         return self.limiter.rendered_bound
 
     def _forget(self) -> None:
-        """Forget the wall and what was agreed on with the slave."""
+        """Forget the wall and the agreement with the slave."""
         self.adoption.drop()
         self.effects.reset()
         if self._coupling is not None:
@@ -277,7 +277,7 @@ class Master:
 
     @property
     def _touches(self) -> bool:
-        """Whether the hand is inside of what is rendered, or about to be."""
+        """Whether the hand is inside a rendered wall, or about to be."""
         x, adoption = self.x, self.adoption
         return adoption.holds(x) or adoption.newest.holds(x)
 

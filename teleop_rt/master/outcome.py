@@ -47,7 +47,7 @@ def outcome(master: Master) -> dict[str, Any]:
 
 
 def _handle(master: Master) -> dict[str, Any]:
-    """Return what leash, watch and safety chain of the operator's device did."""
+    """Return the interventions of leash, watch and safety chain of the operator's device."""
     fault, leash = master.fault, master.leash
     return {
         "fault": {

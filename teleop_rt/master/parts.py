@@ -52,7 +52,7 @@ def make_registration(config: MasterConfig, limits: Limits) -> Registration:
 
 
 def make_screening(limits: Limits) -> Screening:
-    """Return what refuses models and states that cannot be."""
+    """Return the checks that refuse impossible models and states."""
     axis_range = range_of(limits)
     reach = max(abs(limits.position_min), abs(limits.position_max)) + axis_range
     return Screening(REFERENCE_SHARE * axis_range, FARTHEST_RANGES * axis_range, reach)

@@ -226,7 +226,7 @@ class PassivityBound:
 
 
 def _needs(port: Port) -> tuple[Array, Array]:
-    """Return what a unit of K and a unit of B need."""
+    """Return the damping that a unit of K and a unit of B need."""
     scale = port.position_scale * port.force_scale
     if port.velocity == "measured":
         theta = np.geomspace(LOWEST_TONE, HIGHEST_TONE, GRID_POINTS)

@@ -17,7 +17,7 @@ _ORDER = 2  # a parabola: its slope has no lag
 
 
 class OperatorError(ExpectedError):
-    """The operator cannot be had as configured: says what, where and what to do next."""
+    """The operator cannot be had as configured; the message gives cause, place and next step."""
 
 
 class Recorded:

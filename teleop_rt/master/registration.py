@@ -92,7 +92,7 @@ class PhantomWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was found."""
+        """Forget the registration."""
         self._count = 0
         self._depth = 0.0
 

@@ -113,7 +113,7 @@ class Rhythm:
         self._choose(now_s)
 
     def _ahead(self, time_s: float) -> tuple[Array, Array]:
-        """Return what each oscillator has a time after the last sample, and its rate."""
+        """Return each oscillator's value a time after the last sample, and its rate."""
         x, values, rates = self._x, self._x[:, 0] + time_s * self._x[:, 1], self._x[:, 1].copy()
         for harmonic in (1, 2):
             omega = harmonic * self._omega
@@ -143,7 +143,7 @@ class Rhythm:
         self._p -= gain[:, :, None] * gain[:, None, :] / spread[:, None, None]
 
     def _judge(self, now_s: float, y: float, dt_s: float) -> None:
-        """Compare what was predicted for the time since the last sample with what came."""
+        """Compare the prediction for the time since the last sample with the new sample."""
         for due_s, rhythms, line in self._due(self._late, now_s):
             if dt_s > CONTIGUOUS_S:
                 continue

@@ -15,7 +15,7 @@ from teleop_rt.master.swings import Shaking, SwingWatch
 SOFTER = 0.5
 """Share of the damping counted on so far that is counted on after an oscillation."""
 SOFTENINGS = 3
-"""An eighth of the damping is friction of bearings alone: what shakes then is let go."""
+"""An eighth of the damping is friction of bearings alone: a handle that shakes then is let go."""
 BOUNDING_S = 1.0
 """How long force is given back only as energy was taken: three swings of the slowest watched."""
 QUIET_SHARE = 0.25
@@ -74,7 +74,7 @@ class ShakeGuard:
         self._size, self._watch.largest = self._watch.largest, 0.0
 
     def _bounded(self) -> None:
-        """Judge, when the bounding ends, whether it stopped what it was for."""
+        """Judge, when the bounding ends, whether it stopped the oscillation."""
         before_s, self._left_s = self._left_s, self._left_s - self._period_s
         if before_s >= 0.5 * BOUNDING_S > self._left_s:
             self._watch.largest = 0.0

@@ -9,10 +9,10 @@ OLDEST_SAMPLE = 3
 
 
 class StalledForce:
-    """Lets a force fall at once after a stall, and makes up for what is missing by steps.
+    """Lets a force fall at once after a stall, and removes the difference by steps.
 
-    The hand moved on against the old force meanwhile, and the wall's is another by now. What is
-    missing shrinks by a step a tick; the hand's own motion is followed all along.
+    The hand moved on against the old force meanwhile, and the wall's is another by now. The
+    difference shrinks by a step a tick; the hand's own motion is followed all along.
     """
 
     def __init__(self, force_step: float) -> None:

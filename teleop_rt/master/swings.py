@@ -22,7 +22,7 @@ SUSTAINED = 5
 SWINGS_THAT_GROW = 2
 """Swings in a row, each above GROWTH times the last, of a device that shakes ever more."""
 MADE_SHARE = 0.1
-"""Energy that the port makes counts from this share of what the device's damping could take on."""
+"""Energy that the port makes counts from this share of the device's own dissipation."""
 
 
 class Shaking(IntEnum):

@@ -16,7 +16,7 @@ class Tank:
         self.level_J = self._capacity_J
 
     def fill(self, dissipated_J: float, dt_s: float) -> None:
-        """Take in what the hand has dissipated, and the allowance of a hand at rest."""
+        """Take in the energy that the hand dissipated, and the allowance of a hand at rest."""
         gained = max(0.0, dissipated_J) + self._allowance_W * dt_s
         self.level_J = min(self._capacity_J, self.level_J + gained)
 

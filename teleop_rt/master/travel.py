@@ -43,7 +43,7 @@ class TravelEnds:
         return max(0.0, hand - self._high + self.margin) + min(0.0, hand - self._low - self.margin)
 
     def withhold(self, hand: float, *, touches: bool) -> float:
-        """Return what the hand moved on towards an end near it since the last call."""
+        """Return the hand's motion towards an end near it since the last call."""
         before, self._hand = self._hand, hand
         beyond = self.beyond(hand)
         if before is None or beyond == 0.0 or touches:

@@ -63,7 +63,7 @@ class WallIntake:
         self.forget()
 
     def forget(self) -> None:
-        """Forget what was agreed on with the slave."""
+        """Forget the agreement with the slave."""
         self._phantom.reset()
         self.model: ModelMessage | None = None
         self.acknowledged = 0

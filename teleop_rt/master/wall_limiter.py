@@ -1,7 +1,7 @@
-"""Walls reduced to what a device renders passively: softer, less damped, or bent at a depth.
+"""Walls reduced to the passive range of a device: softer, less damped, or bent at a depth.
 
-How stiff and how damped that is says `passivity.PassivityBound`; here is what becomes of a wall
-beyond it, of its power law and of the effects beside it.
+`passivity.PassivityBound` gives the range; this module reduces a wall beyond it, its power law and
+the effects beside it.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def _parts_of_model(
 
 
 class WallLimiter:
-    """Reduces walls to what the port renders passively, and keeps the bound on the last."""
+    """Reduces walls to the port's passive range, and keeps the bound on the last."""
 
     def __init__(self, port: Port, force_max: float, velocity_max: float) -> None:
         self._port = port
@@ -133,12 +133,12 @@ class WallLimiter:
         return replace(wall, k=rendered_stiffness, b=rendered_damping, calming=calming)
 
     def _calming(self, stiffness: float, rendered: float, damping: float) -> float:
-        """Return what a wall lacks of the damping that its spring's latency takes, as it may be."""
+        """Return the damping that a wall lacks against its spring's latency, as far as allowed."""
         lost = self._bound.lost_damping(stiffness)
         return max(0.0, min(lost, self._bound.damping_max(rendered)) - damping) if lost else 0.0
 
     def _judge(self, stiffness: float, damping: float, soft: float, calm: float) -> None:
-        """Keep the true slopes and what is rendered of them."""
+        """Keep the true slopes and the rendered ones."""
         needed = self._bound.required_damping(stiffness, damping)
         self.rendered_bound = RenderedBound(stiffness, damping, soft, calm, needed)
         self.damping_room = self._bound.damping_max(soft) - calm
@@ -148,7 +148,7 @@ class WallLimiter:
 
         From there its spring is a straight line: scaled down as a whole, a wall that is stiff at
         its deepest would hardly be felt at any other depth. Its damping, whose own slope grows with
-        speed, is scaled to what the spring leaves.
+        speed, is scaled to the rest that the spring leaves.
         """
         deepest = _deepest(wall, self._force_max) if wall.k > 0 else math.inf
         own, of_damping, damping = _parts_of_model(wall, self._force_max, self._velocity_max)
@@ -165,7 +165,7 @@ class WallLimiter:
     def _calm(self, spring: float, calming: float, of_damping: float, damping: float) -> float:
         """Return the share of a damping that a spring leaves, with the slope that comes with it.
 
-        What is passive is convex in K and B, so what lies between the stiffest spring and the most
+        The passive range is convex in K and B, so the line from the stiffest spring to the most
         damping beside this one is passive, too.
         """
         most_k, most_b = spring + of_damping, calming + damping

@@ -78,7 +78,7 @@ class Wall:
 
     @property
     def pull(self) -> float:
-        """The force of what acts on a hand outside, too; at most 0 where it pulls."""
+        """The force of effects that act outside contact, too; at most 0 where it pulls."""
         if not self.terms:
             return 0.0
         return sum(

@@ -26,7 +26,7 @@ _LATER_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Diagnosed:
-    """A recording and what a diagnosis found in it."""
+    """A recording and its diagnosis."""
 
     recording: Recording
     diagnosis: Diagnosis

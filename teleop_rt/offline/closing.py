@@ -1,4 +1,4 @@
-"""Closing the loop: from a run to what its model lacks, and to a fresh run with that added.
+"""Closing the loop: from a run to the effect that its model lacks, and to a fresh run with it.
 
 Errors before and after are those of the fresh run, with another seed and motion: of the force that
 the slave predicts, and of the felt force. The model alone runs the same fresh trial.
@@ -77,7 +77,7 @@ class EffectsFound:
     draft: Drafted | None = None
 
     def narrowed(self, sets: list[list[str]]) -> EffectsFound:
-        """Return what is left when only these sets of the class are possible."""
+        """Return the class reduced to these sets."""
         recording = self.diagnosed.recording
         diagnosis = narrowed(self.diagnosed.diagnosis, recording, sets)
         return replace(self, diagnosed=Diagnosed(recording, diagnosis), answer=diagnosis.answer)
@@ -178,7 +178,7 @@ def _surface_shift(answer: Mapping[str, Any], online: float | None) -> dict[str,
 
 
 def _reach(trial: TrialConfig, surface: float | None) -> Reach | None:
-    """Return what the rig may do about a surface, None where that is not known."""
+    """Return the rig's allowances for a surface, None where they are not known."""
     if surface is None:
         return None
     limits = trial.rig.limits
@@ -198,7 +198,7 @@ def _decide(
     library: tuple[Effect, ...],
     out: Path,
 ) -> EffectsFound:
-    """Run the proposed motion, and take what it leaves of the first recording's class."""
+    """Run the proposed motion, and reduce the first recording's class by its answer."""
     proposed = first.answer["experiment"]
     if proposed is None or proposed["trial"] is None:
         return first

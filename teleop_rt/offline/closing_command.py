@@ -72,7 +72,7 @@ def close_and_print(
 ) -> None:
     """Close the loop, write loop.json and its page, and print the answer.
 
-    Only the command line knows how a trial is loaded and run, and what was felt in it. Raises
+    Only the command line knows how a trial is loaded and run, and its felt force. Raises
     RecordingError.
     """
     begun, residuals = time.perf_counter(), None

@@ -25,7 +25,7 @@ from teleop_rt.view.style import in_words, parameter
 
 _ORDER = "; estimators: selected on-line (*), then identified, then the others, each by NRMSE"
 _SHOWN_ROWS = 5
-"""Estimators that a replay prints: what fits a screen with their parameters."""
+"""Estimators that a replay prints: as many as fit a screen with their parameters."""
 
 
 def replay(
@@ -57,7 +57,7 @@ def diagnose(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Diagnose recordings, and print what was found."""
+    """Diagnose recordings, and print the answers."""
     several = not names_one(recordings)
     work = Diagnosing(base, surface, table, test, effects, out, several=several)
     if out is not None:
@@ -155,7 +155,7 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
 
 
 def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
-    """Print the errors of prediction, and properties of what is left unexplained."""
+    """Print the errors of prediction, and properties of the unexplained remainder."""
     error = answer["error"]
     if answer["predictor"] and set(answer["predictor"]) != {e["name"] for e in answer["effects"]}:
         say(f"  predicts best with: {' + '.join(answer['predictor'])}")

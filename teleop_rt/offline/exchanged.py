@@ -22,7 +22,7 @@ _RESTS = (0.1, 0.9)
 """Share of the samples at the usual level. A sinusoid rests for 0.09 of its time at either end, and
 a held step for nearly all of it."""
 _MOVES = 0.15
-"""Share of the range by which what moves in free air does so, and its counterpart does not."""
+"""Share of its range by which a position moves in free air, where a force does not."""
 _FROM_LOWEST = 0.05
 """Of the range: so near its lowest value is a tool that is led away from a surface."""
 _ONLY_THERE = 0.9

@@ -22,8 +22,8 @@ def find(given: Sequence[Path]) -> list[Path]:
     """Return the recordings that paths, folders and globs name, each once, in their order.
 
     A folder that a run wrote is a recording; in any other folder all recordings below it count,
-    but for those in hidden folders and in folders that a command like this one has written. What
-    names nothing stays as it is, for whoever opens it to refuse.
+    but for those in hidden folders and in folders that a command like this one has written. A path
+    that names nothing is returned unchanged; opening it raises.
     """
     return list(dict.fromkeys(chain.from_iterable(_found(path) for path in given)))
 
@@ -56,9 +56,9 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 def own_names(recordings: Sequence[Path]) -> dict[Path, str]:
-    """Return what to call what is written of each recording: its name, or that of its run's folder.
+    """Return a name for the output of each recording: its own name, or that of its run's folder.
 
-    No two have the same, or the second would overwrite what was written of the first.
+    No two have the same, or the second would overwrite the output of the first.
     """
     names: dict[Path, str] = {}
     taken: set[str] = set()

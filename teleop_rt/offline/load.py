@@ -54,7 +54,7 @@ class Online:
 
 
 def load_online(path: Path, effects: Path | None = None) -> Online:
-    """Return what ran on-line in one of our recordings. Raises RecordingError.
+    """Return the estimators that ran on-line in one of our recordings. Raises RecordingError.
 
     `effects` is a Python file with effects of the user's. The one that a recording names is a
     program, and is not run.

@@ -45,7 +45,7 @@ class Work(Protocol):
 
     @property
     def fills_folder(self) -> bool:
-        """Whether the folder `out` of a single recording is what is written of that one."""
+        """Whether the folder `out` is the output of a single recording."""
 
     @property
     def seconds_each(self) -> float:
@@ -55,10 +55,10 @@ class Work(Protocol):
         """Return all that an answer depends on beside the recording, JSON-ready."""
 
     def answer(self, recording: Path, name: str) -> dict[str, Any]:
-        """Return the answer; what is written of this recording bears the name."""
+        """Return the answer; `name` is in the name of each file written."""
 
     def written(self, name: str) -> bool:
-        """Return whether what was written of a recording is still there."""
+        """Return whether the output of a recording is still there."""
 
 
 @dataclass(frozen=True, slots=True)

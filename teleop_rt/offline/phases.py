@@ -27,7 +27,7 @@ class Phases:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Count what is done within as one phase."""
+        """Count the work within as one phase."""
         self.end()
         self._say(f"{name} ...")
         begun_s = time.perf_counter()
@@ -35,7 +35,7 @@ class Phases:
         self._took(name, begun_s)
 
     def heard(self, phase: str) -> None:
-        """Show what is being done between phases."""
+        """Show the work between phases."""
         if self._bar is None:
             self._begun_s = time.perf_counter()
             self._say(f"{self._between} ...")
@@ -43,7 +43,7 @@ class Phases:
         self._bar.phase(phase)
 
     def end(self) -> None:
-        """End what goes on between phases."""
+        """End the work between phases."""
         if self._bar is not None:
             self._open.close()
             self._bar = None

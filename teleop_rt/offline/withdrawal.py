@@ -9,7 +9,7 @@ from typing import Any
 WITHDRAWN = "withdrawn.yaml"
 _ON_LINE = "force predicted on-line"
 _WORSE = 1.1
-"""By what factor an error may differ between two runs of one model."""
+"""Factor by which an error may differ between two runs of one model."""
 
 
 def keep_or_withdraw(

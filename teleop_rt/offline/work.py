@@ -118,7 +118,7 @@ class Diagnosing:
         }
 
     def answer(self, recording: Path, name: str) -> dict[str, Any]:
-        """Return the diagnosis' answer, without what it took: the same data, the same answer."""
+        """Return the diagnosis' answer without its duration: the same data, the same answer."""
         path = recording_of(recording)
         enter(f"reading {recording.name}")
         give_back_compiler()  # what its kernels need of it is read again, two fifths of it

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def of_recorder(recorder: Mapping[str, Any]) -> Iterator[str]:
-    """Give what a reader of the figures must know of the recorder that took them."""
+    """Yield the recorder's alarms that a reader of its figures must know."""
     lost = sum((recorder["dropped"] or {}).values())
     if lost:
         yield f"{lost} rows were not recorded: figures are of the rest"
@@ -17,7 +17,7 @@ def of_recorder(recorder: Mapping[str, Any]) -> Iterator[str]:
 
 
 def of_helper(name: str, helper: Mapping[str, Any]) -> Iterator[str]:
-    """Say that a process beside the loop had to be started again, where it had to."""
+    """Yield a note if a process beside the loop had to be started again."""
     restarts = helper.get("restarts", 0)
     if restarts:
         times = "once" if restarts == 1 else f"{restarts} times"

@@ -33,7 +33,7 @@ class TopicColumns:
     def __init__(
         self, wanted: Sequence[str] | None, most: int | None, expected: int, may_take: int
     ) -> None:
-        """Take `expected` rows, 0 where unknown: what would be dropped later is not read.
+        """Take `expected` rows, 0 where unknown: rows that would be dropped later are not read.
 
         Room for them is made at once where it takes no more bytes than `may_take`.
         """
@@ -88,7 +88,7 @@ class TopicColumns:
     def _values(self, text: bytes) -> list[float | None]:
         if self._after and (cut := text.find(self._after)) > 0:
             text = text[:cut] + b"}"  # nothing that follows is wanted
-        message = from_json(text)  # a third of what json takes
+        message = from_json(text)  # a third of json's time
         if not self._names:
             self._choose(list(message))
         return [message[name] for name in self._names]

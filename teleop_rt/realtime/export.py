@@ -45,12 +45,12 @@ _ROLES = {
 
 
 def recover(damaged: Path, whole: Path) -> int:
-    """Copy what can be read of all parts into one finished file; return the messages saved.
+    """Copy the readable messages of all parts into one finished file; return their number.
 
     Raises RecordingError where the file is no MCAP or `whole` exists already.
     """
     refuse_existing([whole], "name another file with --out")
-    next(read_records(damaged), None)  # what is no recording is refused before a file is made
+    next(read_records(damaged), None)  # another format is refused before a file is made
     with _written(whole), whole.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(library="teleop-rt recover")
@@ -252,7 +252,7 @@ def _write_table(table: Path, columns: Mapping[str, NDArray[np.generic]]) -> Non
 
 
 def parquet_writer() -> Callable[[Path, Mapping[str, NDArray[np.generic]]], None]:
-    """Return what writes columns (n,) or (n, m) as Parquet. Raises RecordingError."""
+    """Return a writer of columns (n,) or (n, m) as Parquet. Raises RecordingError."""
     try:
         import pyarrow as pa  # noqa: PLC0415 - an extra
         from pyarrow import parquet  # noqa: PLC0415 - as above

@@ -1,4 +1,4 @@
-"""How long a loop left its drive on old orders, and what the rig's bounds ask for then.
+"""Lateness of a loop, in which its drive follows old orders, and the rig's bounds on it.
 
 A stall lasts from the first deadline that passed without its tick to the start of the tick that
 ran at last. It is dangerous for as long as the drive moves on old orders, so the bounds are times.
@@ -82,7 +82,7 @@ def judge_lateness(record: Counts, late_ns: int) -> int:
 
 
 def load_kernels() -> None:
-    """Compile or load what a `Lateness` calls, so that its first tick does not wait for it."""
+    """Compile or load the kernels of a `Lateness`, so that its first tick does not wait."""
     Lateness(ON_HARDWARE, 1_000_000).update(0)
 
 
@@ -90,8 +90,8 @@ class Lateness:
     """Judges each tick by its own stall, and by the share of the last second that was late.
 
     `longest_ns` is the longest stall; `holds` counts those from `hold_ms` on; `late_ticks` counts
-    the deadlines that passed without a tick. What a `reset` forgets is the last second alone.
-    `record` is what kernels take.
+    the deadlines that passed without a tick. A `reset` forgets only the last second. `record` is
+    for kernels.
     """
 
     def __init__(self, bounds: LateConfig, period_ns: int) -> None:
@@ -136,7 +136,7 @@ class Lateness:
         return self.record.item(STOPPED_AFTER) >= 0
 
     def outcome(self) -> dict[str, Any]:
-        """Return the bounds and what they came to, for the summary; time under power [s]."""
+        """Return the bounds and the worst values, for the summary; time under power [s]."""
         stop = None
         if self.stopped:
             stall_ns, after = self.record.item(STALL_NS), self.record.item(STOPPED_AFTER)

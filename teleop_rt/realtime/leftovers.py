@@ -17,7 +17,7 @@ _START_TIME = 18
 
 
 def shared_folder() -> Path:
-    """Return where processes leave what others map: in shared memory, where there is some."""
+    """Return the folder of files that processes share: in shared memory, where there is some."""
     shared = Path("/dev/shm")  # noqa: S108 - the kernel's shared memory, no file to guess
     return shared if shared.is_dir() else Path(tempfile.gettempdir())
 

@@ -120,7 +120,7 @@ def _columns(episode: Episode, number: int, first: int, fps: int) -> dict[str, N
 def _write_meta(
     meta: Path, episodes: Sequence[Episode], task: str, fps: int, units: tuple[str, str]
 ) -> None:
-    """Write what there is of episodes, tasks, features and statistics."""
+    """Write the metadata: episodes, tasks, features and statistics."""
     lengths = [len(episode.state) for episode in episodes]
     info = _info(lengths, fps, units)
     (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")

@@ -189,8 +189,8 @@ def _found(data: bytes, indices: list[bytes]) -> Iterator[Other | Messages]:
 def indexed(data: bytes, indices: list[bytes]) -> Places | None:
     """Return where a chunk's messages lie; None if the indices do not cover every byte of it.
 
-    What they say is believed only where a message of that channel begins at each place, and where
-    the next one begins at its end.
+    An index is accepted only if a message of its channel begins at each place, and the next one at
+    its end.
     """
     offsets: list[NDArray[np.uint64]] = []
     channels: dict[int, slice] = {}

@@ -49,10 +49,10 @@ class PatientFile:
         return len(data)
 
     def flush(self) -> None:
-        """Do nothing: `hand_over` is what takes time."""
+        """Do nothing: `hand_over` does the work."""
 
     def hand_over(self) -> bool:
-        """Bring what waits to the disk; false where it does not take all of it."""
+        """Write the waiting bytes to the disk; return whether it took all of them."""
         try:
             while self._waiting:
                 written = os.write(self._descriptor, self._waiting[:_MOST_AT_ONCE])
@@ -64,6 +64,6 @@ class PatientFile:
         return True
 
     def close(self) -> None:
-        """Bring over what the disk takes, and close."""
+        """Write as much as the disk takes, and close."""
         self.hand_over()
         os.close(self._descriptor)

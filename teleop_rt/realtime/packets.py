@@ -80,7 +80,7 @@ class Packets:
         self.lengths = words[offset // word :: step // word]
 
     def receive(self, descriptor: int, most: int | None = None) -> int:
-        """Take what waits at a socket, without waiting, and return how many packets that was.
+        """Receive the packets waiting at a socket without blocking, and return their number.
 
         That is `most` packets at most, or as many as there is room for. A packet of length 0 at
         the end means that the other end has left. Raises OSError if the socket is broken.

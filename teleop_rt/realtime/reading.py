@@ -56,7 +56,7 @@ def read_records(path: Path) -> Iterator[Record]:
 
 
 def _read_blocks(path: Path, from_ns: float = 0.0) -> Iterator[Other | Messages]:
-    """Give what `read_records` gives, messages in whole blocks and not yet cut out.
+    """Yield the records of `read_records`, messages in whole blocks and not yet cut out.
 
     Chunks before `from_ns` may be left out: not where several parts may hold one row.
     """

@@ -17,7 +17,7 @@ from teleop_rt.realtime.output import PatientFile
 from teleop_rt.signals import Signal
 
 ONLINE, RUN = "online-estimation", "run"
-"""The metadata records of our recordings: what the slave's estimators were, and what ran."""
+"""The metadata records of our recordings: the slave's estimators, and the software."""
 LARGEST_SEQUENCE = 0xFFFFFFFF
 """Largest sequence in MCAP's 32 bits; a row's number is cut to them."""
 
@@ -85,25 +85,25 @@ class RecordingWriter:
 
     @property
     def size_bytes(self) -> int:
-        """How long the file is, with what waits."""
+        """Length of the file [bytes], with the bytes that wait."""
         return self._stream.tell()
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system, readable as it stands.
 
-        What the disk refuses waits for the next time; `problem` says why.
+        Bytes that the disk refuses wait for the next call; `problem` gives the cause.
         """
         self._writer.flush()
         self._stream.hand_over()
 
     def close(self) -> None:
-        """Write index and footer, and close the file; `problem` says what the disk refused."""
+        """Write index and footer, and close the file; `problem` gives the disk's error."""
         self._writer.finish()
         self._stream.close()
 
 
 class _RowText:
-    """Rows of a table as JSON, null for what is not finite; one template for each pattern of it."""
+    """Rows of a table as JSON, null for non-finite numbers; one template per pattern of nulls."""
 
     def __init__(self, table: Sequence[Signal]) -> None:
         self._names = [json.dumps(signal.name).replace("%", "%%") for signal in table]

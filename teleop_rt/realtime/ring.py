@@ -108,7 +108,7 @@ class RingReader:
         return int(self._header[COUNT_WORD]) >= self._next
 
     def skip(self) -> None:
-        """Leave unread what has come so far."""
+        """Skip the rows that have come so far."""
         self._next = int(self._header[COUNT_WORD]) + 1
 
     def go_on_after(self, number: int) -> None:

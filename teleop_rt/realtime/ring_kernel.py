@@ -32,7 +32,7 @@ def put(header: NDArray[np.int64], words: Row, row: Row) -> None:
 
 
 def row_writer(ring: RingWriter, row: Row) -> Callable[[], None]:
-    """Return a function that writes what this row (columns,) holds then into the ring."""
+    """Return a function that writes the current values of this row (columns,) into the ring."""
     return bound(put, (*ring_words(ring), row))
 
 

@@ -91,11 +91,11 @@ class RotatingWriter:
 
     @property
     def size_bytes(self) -> int:
-        """How long the part being written is, with what waits."""
+        """Length of the part being written [bytes], with the bytes that wait."""
         return self._writer.size_bytes
 
     def flush(self) -> None:
-        """Hand over what was written; where the part is full, finish it and begin the next."""
+        """Hand over the written bytes; where the part is full, finish it and begin the next."""
         self._writer.flush()
         sizes = self.sizes
         full = self.size_bytes >= sizes.part_bytes or self._now_s() - self._since_s >= sizes.part_s
@@ -124,7 +124,7 @@ class RotatingWriter:
         self._prune()
 
     def _prune(self) -> None:
-        """Remove the oldest parts beyond what is kept."""
+        """Remove the oldest parts beyond the number that is kept."""
         *older, before, _ = parts(self._recording)
         kept, count = before.stat().st_size, 2
         for path in reversed(older):

@@ -75,7 +75,7 @@ def prepare_process(
 
 
 def remember_process() -> Callable[[], None]:
-    """Return what undoes `prepare_process`: scheduling, cores, memory and collection as now.
+    """Return a function that undoes `prepare_process`: scheduling, cores, memory, collection.
 
     A process that goes on after its loop calls it, on the same thread, before it starts another:
     that one would inherit priority and core, and stand in the next loop's way.
@@ -100,8 +100,8 @@ def remember_process() -> Callable[[], None]:
 def give_back_compiler() -> int:
     """Let the system have the pages of LLVM's library that only held its code; return bytes.
 
-    What it has compiled lies elsewhere, and a page that is needed after all is read again. Only
-    mappings are given back of which nothing was written. A system without /proc keeps them.
+    Compiled kernels lie elsewhere, and a page that is needed after all is read again. Only mappings
+    that were never written to are given back. A system without /proc keeps them.
     """
     given = 0
     with contextlib.suppress(OSError, AttributeError):
@@ -147,7 +147,7 @@ def _fifo(priority: int) -> Privilege:
         present = os.sched_getparam(0).sched_priority
         if policy == os.SCHED_FIFO and present == priority:
             return Privilege(name, granted=True, reason="by whoever started it", how_to_grant=how)
-        # What is started from here is not to inherit the priority, and stand in the loop's way.
+        # A child process must not inherit the priority and compete with the loop.
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except AttributeError:
         return _none_here(name)

@@ -33,7 +33,7 @@ MOST_WAITING_BYTES = 16 << 20
 
 
 class SharedMemoryError(ExpectedError):
-    """The rings of a run find no place: says where, why, and what to do next."""
+    """The rings of a run find no place; the message gives place, cause and next step."""
 
 
 @contextmanager
@@ -105,7 +105,7 @@ class Writer(Protocol):
         """Append rows (n, columns of the topic's table); `numbers` (n,) count them from 1."""
 
     def flush(self) -> None:
-        """Hand over what was written."""
+        """Hand over the written bytes."""
 
     def close(self) -> None:
         """Finish the file."""
@@ -182,7 +182,7 @@ class Recorder:
         return written
 
     def flush(self) -> None:
-        """Hand what was written to the operating system, so that a crash loses no more."""
+        """Hand the written bytes to the operating system, so that a crash does not lose them."""
         self.writer.flush()
         if not self.writer.waiting_bytes:
             self._recorded |= {name: reader.last_read for name, reader in self._readers.items()}
@@ -206,7 +206,7 @@ class Recorder:
         )
 
     def publish_state(self) -> None:
-        """Leave in the session what readers of the status want to know of this recorder."""
+        """Write this recorder's state for the status into the session."""
         content = {
             "stamp_ns": time.monotonic_ns(),
             "dropped": self.dropped,
@@ -217,7 +217,7 @@ class Recorder:
         leave(self._session / RECORDER_STATE, content)
 
     def close(self) -> None:
-        """Write what is left, and finish the file."""
+        """Write the remaining rows, and finish the file."""
         self.discover()
         self.drain()
         self.writer.close()

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def leave(path: Path, content: Any) -> None:
-    """Leave JSON: whoever reads it reads all of it, or what was there before; we alone write it."""
+    """Write JSON as a whole: a reader gets all of it, or the former one; we alone write it."""
     unfinished = path.with_name(f"{path.name}.part")
     unfinished.unlink(missing_ok=True)
     unfinished.touch(mode=0o640)
@@ -17,7 +17,7 @@ def leave(path: Path, content: Any) -> None:
 
 
 def found(path: Path) -> dict[str, Any] | None:
-    """Return what was left, None before the first time."""
+    """Return the JSON, None before the first write."""
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

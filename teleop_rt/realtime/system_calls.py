@@ -67,7 +67,7 @@ _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
 @kernel
 def receive_packets(descriptor: int, headers: int, most: int) -> int:
-    """Take what waits at a socket into the `struct mmsghdr`s at an address; return how many.
+    """Receive waiting packets into the `struct mmsghdr`s at an address; return their number.
 
     That is 0 where nothing waits, and minus the error's number where the socket is broken.
     """
@@ -80,7 +80,7 @@ def receive_packets(descriptor: int, headers: int, most: int) -> int:
 
 @kernel
 def read_bytes(descriptor: int, place: int, room: int) -> int:
-    """Read what waits at a non-blocking descriptor into the room at an address; return how many.
+    """Read waiting bytes of a non-blocking descriptor to an address; return their number.
 
     That is 0 where nothing waits, and minus an error's number where the other end is gone.
     """
@@ -95,7 +95,7 @@ def read_bytes(descriptor: int, place: int, room: int) -> int:
 
 @kernel
 def read_delivered(descriptor: int, memory: NDArray[np.uint8], place: int) -> int:
-    """Read what a terminal's driver has delivered into the memory at an address; return how many.
+    """Read the bytes that a terminal's driver delivered to an address; return their number.
 
     That is 0 where nothing waits, and minus an error's number where the line is gone. It is asked
     first: even a read that must not wait does so on a terminal on which nothing is, until a worker
@@ -149,7 +149,7 @@ def monotonic_ns(times: NDArray[np.int64], place: int) -> int:
 def number_in_text(place: int, ends: NDArray[np.int64], ends_place: int, length: int) -> float:
     """Return the number that lies at an address, correctly rounded; not-a-number if it is shorter.
 
-    What follows it there is no part of a number. `ends`, at `ends_place`, is written; in a locale
+    The text after it must not continue the number. `ends`, at `ends_place`, is written; in a locale
     with a decimal comma a number ends at its point.
     """
     value: float = _to_number(place, ends_place)

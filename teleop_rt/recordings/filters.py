@@ -25,7 +25,7 @@ _AT_ONCE = 100_000
 
 
 def pieces(size: int) -> Iterator[slice]:
-    """Give the places of `size` samples piece by piece: what is computed of each needs no others.
+    """Give the places of `size` samples piece by piece: the computation of each needs no others.
 
     Of an hour at 1 kHz every row that is made on the way would take 29 MB.
     """

@@ -110,7 +110,7 @@ def _refuse_unclear(
 ) -> None:
     """Raise RecordingError with all roles that lack a column, or that several columns could have.
 
-    The message gives what there is, and the options to complete and to paste.
+    The message lists the columns found, and the options to complete and to paste.
     """
     needed = [role for role in _NEEDED if role != "time" or layout.rate_hz is None]
     lacking = [role for role in needed if not named[role]]

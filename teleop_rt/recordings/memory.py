@@ -1,4 +1,4 @@
-"""The memory that the columns of a recording may take, checked against what a file declares."""
+"""The memory that columns of a recording may take, compared with the sizes in its file."""
 
 from __future__ import annotations
 

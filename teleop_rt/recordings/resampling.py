@@ -34,7 +34,7 @@ class SampleTimes(NamedTuple):
 def resampled(grid: SampleTimes, t: Vector, row: Vector) -> Vector:
     """Return `row`, sampled at `t`, on the grid, unchanged where its samples lie there.
 
-    By a cubic where the samples are close: a line cuts what bends between them, and makes of it a
+    By a cubic where the samples are close: a line cuts the curve between them, and makes of it a
     force that comes late. By a line over gaps.
     """
     first, second = grid.part(slice(0, 2)).tolist()

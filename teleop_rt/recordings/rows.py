@@ -41,7 +41,7 @@ def force_noise(force: Vector, step: float | None = None) -> float:
     """Return the standard deviation of the force's fast noise, from third differences.
 
     Those of readings in steps lie on a grid, and so would their median, up to a third off: each is
-    spread evenly over its step, and what that adds is subtracted. `step` [of the force] is that of
+    spread evenly over its step, and its variance is subtracted. `step` [of the force] is that of
     its converter, found in the readings if it is not given.
     """
     third = np.diff(force, 3)

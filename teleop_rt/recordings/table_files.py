@@ -36,7 +36,7 @@ _LONGEST_REASON = 160  # characters of a library's message; numpy's may list a t
 _NUMBER_BYTES = 8
 """Of a number as it is held, whatever it takes in its file."""
 _PIECE = 1 << 20
-"""Bytes of a file, or of what is packed in it, that are looked at in one piece."""
+"""Bytes of a file, or of its unpacked contents, that are searched in one piece."""
 _MAT_HEADER, _MAT_PACKED = 128, 15  # bytes, and the type of an element; see `_packed_sizes`
 _NUMERIC_KINDS = "fiu"
 _NUMERIC_CLASSES = frozenset({"double", "single", "logical", "int8", "uint8", "int16", "uint16",
@@ -81,7 +81,7 @@ def _read_mat(path: Path) -> dict[str, Vector]:
 
 
 def _packed_sizes(stream: IO[bytes], most: int) -> Iterator[int]:
-    """Give to what size the packed elements of a MAT file unpack, all so far, up to `most`.
+    """Yield the total size [bytes] of the unpacked elements of a MAT file so far, up to `most`.
 
     Of formats 5 to 7 (MathWorks, "MAT-File Format"): 128 bytes of header, then elements with type
     and length; the packed ones have type 15. Others are as long as the file itself.

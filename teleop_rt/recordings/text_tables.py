@@ -1,7 +1,7 @@
 """Tables of numbers in text, as instruments and spreadsheets write them.
 
 The lines of numbers are found first, then the line of names above them, and a line of units below
-the names; what stands before these is a preamble. Columns are parted by tabs, semicolons, commas or
+the names; the lines before these are a preamble. Columns are parted by tabs, semicolons, commas or
 blanks. Stamps of date and time become seconds.
 """
 
@@ -47,7 +47,7 @@ _MARKS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
-_WINDOWS = "cp1252"  # what a spreadsheet in western Europe writes; only names have such letters
+_WINDOWS = "cp1252"  # the encoding of spreadsheets in western Europe; only names have such letters
 
 
 @dataclass(frozen=True)

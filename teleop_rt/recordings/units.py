@@ -42,7 +42,7 @@ UNITS: dict[str, dict[str, float]] = {
 }
 
 _OTHERS = {"-", "1", "%", "\u00b0C", "K", "V", "A", "mA", "mV", "Hz", "rpm", "bar", "MPa", "kPa"}
-"""Units of what a recording may have beside them."""
+"""Units of columns that a recording may have beside them."""
 
 
 def are_units(cells: Sequence[str]) -> bool:

@@ -23,7 +23,7 @@ _HARMLESS = ("status", "stop")
 
 
 class DaemonError(ExpectedError):
-    """There is no daemon to talk to, or more than one: says which and what to do next."""
+    """There is no daemon to talk to, or more than one; the message gives the next step."""
 
 
 class _NotNowError(DaemonError):

@@ -36,11 +36,11 @@ _NO_COMMANDS = "takes-no-commands"
 
 
 class BusyError(ExpectedError):
-    """The rig is in use: says by whom, and what to do next."""
+    """The rig is in use: the message gives its owner and the next step."""
 
 
 class PlaceError(ExpectedError):
-    """The folder of sockets and locks cannot be used: says why, and what to do next."""
+    """The folder of sockets and locks cannot be used; the message gives cause and next step."""
 
 
 @dataclass(frozen=True, slots=True)

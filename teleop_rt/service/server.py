@@ -82,7 +82,7 @@ class CommandServer:
     def handle(self, request: bytes) -> Answering:
         """Answer one request in steps; a bad one gets a sentence, not an exception.
 
-        What needs no waiting is done before the first pause: a stop reaches the loop at once.
+        Steps without waiting are done before the first pause: a stop reaches the loop at once.
         """
         try:
             name = _asked(request)

@@ -56,7 +56,7 @@ class Approach:
 
         lead: the longest way by which the hand leads the slave. brake: the largest force on the
         hand. felt: when the wall is felt, from the start. tool: the largest force on the wall by
-        then. offset: what lies between hand and tool from then on.
+        then. offset: the distance between hand and tool from then on.
         """
         speed, trip_s = 1e-3 * case["hand_mm_per_s"], 1e-3 * case["round_trip_ms"]
         lasts_s = LONGEST_S + WAY_M / speed + LONGEST_TRIPS * trip_s

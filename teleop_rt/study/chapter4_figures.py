@@ -106,7 +106,7 @@ def error_figure(simulated: Sequence[Result]) -> Figure:
 
 
 def _true(specimen: str, model: str) -> dict[str, float]:
-    """Return what a line of truth can be drawn for."""
+    """Return the parameters for which a line of the true value can be drawn."""
     return CURVED if (specimen, model) == ("curved", "hunt-crossley") else {}
 
 

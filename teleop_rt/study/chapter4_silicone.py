@@ -94,7 +94,7 @@ class Specimen:
 def identify(
     settings: PipelineSettings, position: Signal, measured: Signal, valid: NDArray[np.bool_]
 ) -> Result:
-    """Return what every method finds in a record: position, force, valid (n,)."""
+    """Return the estimates of every method from a record: position, force, valid (n,)."""
     pipeline = Pipeline(rows_for(TRUTH), settings)
     trace = pipeline.run(position, measured, valid)
     rows = report_with_delays(pipeline, trace)

@@ -23,7 +23,7 @@ SMALL_ERROR = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A statement of the report, with verdict, what was found, and why."""
+    """A statement of the report, with verdict, evidence and reason."""
 
     name: str
     section: str
@@ -45,7 +45,7 @@ def verdict_of(holds: Sequence[bool]) -> Agreement:
 
 
 def method_of(result: Result, method: Method, model: str = "") -> dict[str, Any]:
-    """Return what one method found in a result; `model` where the result holds several."""
+    """Return the estimates of one method in a result; `model` where the result holds several."""
     found: dict[str, Any] = next(
         one
         for one in result["methods"]

@@ -126,7 +126,7 @@ def cell_cases(grid: Grid, gains: Gains) -> list[Case]:
 def find_gains(grid: Grid, run: Callable[[list[Case]], list[Result]]) -> Gains:
     """Return the largest share that is stable without delay at each place, from all of it down.
 
-    Step by step, for what lies below an unstable share need not be stable. `run` evaluates cases,
+    Step by step, for a share below an unstable one need not be stable. `run` evaluates cases,
     each of them a cell of its own, so that nothing found is lost. 0 where no share is stable: then
     the mode runs with the smallest step, and is not stable.
     """
@@ -169,7 +169,7 @@ def winners(results: Sequence[Result]) -> list[dict[str, Any]]:
 
 
 def overview(grid: Grid, results: Sequence[Result]) -> dict[str, Any]:
-    """Return what was found in a few figures: stable cells and wins by mode, and the winners."""
+    """Return the result in a few figures: stable cells and wins by mode, and the winners."""
     won = winners(results)
     modes = {}
     for mode in grid.modes:

@@ -71,7 +71,7 @@ def delay(
 
 
 def _study(grid: Grid, out: Path, workers: Workers, *, as_json: bool) -> None:
-    """Run what the folder does not hold yet, write table and page, and print the result."""
+    """Run the cells that the folder lacks, write table and page, and print the result."""
     from teleop_rt.batch.sweep import open_folder  # noqa: PLC0415 - as above
     from teleop_rt.study import delay as study  # noqa: PLC0415 - as above
 

@@ -1,4 +1,4 @@
-"""The delay study as tables in Markdown: which mode wins where, and what each mode comes to."""
+"""The delay study as tables in Markdown: the best mode of each cell, and each mode's totals."""
 
 from __future__ import annotations
 

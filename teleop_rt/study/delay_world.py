@@ -104,7 +104,7 @@ def trial_of(cell: Cell) -> TrialConfig:
     """Return the trial of a cell, on a rig that needs no driver.
 
     A hand that feels a share of the force presses the tool so much harder: the slave's cap grows
-    with it, for what is judged is the coupling, not the cap.
+    with it, for the study judges the coupling, not the cap.
     """
     return TrialConfig(
         name="delay",

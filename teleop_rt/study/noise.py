@@ -63,7 +63,7 @@ def evaluate(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def _result(row: dict[str, Any], truth: dict[str, float]) -> dict[str, Any]:
-    """Return one row's answer; the error of what is not estimated is null."""
+    """Return one row's answer; an error is null where nothing is estimated."""
     found = {name: row["parameters"][name]["value"] for name in truth}
     return {key: row[key] for key in ("regression", "solver", "status", "nrmse")} | {
         "error": {

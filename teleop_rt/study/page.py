@@ -88,7 +88,7 @@ def write_page(path: Path, title: str, parts: Sequence[str], headline: str = "")
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows under all their columns; what is unknown is empty."""
+    """Write rows under all their columns; unknown cells are empty."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns)

@@ -122,7 +122,7 @@ def spans(x: Array, flags: Array) -> tuple[Limits, ...]:
 
 
 def settled_limits(values: Iterable[Array]) -> Limits | None:
-    """Return limits of an axis that show what settles, not how it began; None without values."""
+    """Return limits of an axis that show the settled values, not the start; None without values."""
     parts = [v[np.isfinite(v)] for v in values]
     known = np.concatenate(parts) if parts else np.empty(0)
     if known.size == 0:
@@ -132,7 +132,7 @@ def settled_limits(values: Iterable[Array]) -> Limits | None:
     return float(low - margin), float(high + margin)
 
 
-ROBUST_QUANTILE = 0.95  # share of the samples within the scale: what is rarer is a spike
+ROBUST_QUANTILE = 0.95  # share of the samples within the scale: rarer values are spikes
 ROBUST_ROOM = 1.5  # times that quantile: the residual fills two thirds of its axis
 SPIKE_GAP = 0.01  # share of the run; excursions closer together are one spike
 

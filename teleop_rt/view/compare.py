@@ -1,4 +1,4 @@
-"""Several runs on one page: what each found, how they differ, and their curves overlaid."""
+"""Several runs on one page: their results, their differences, and their curves overlaid."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SAME = 1e-3  # relative; figures closer together than this are called the same
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of one run: what is shown, what it is sorted by, its grade, and its change.
+    """One figure of one run: its text, its sort key, its grade, and its change.
 
     `change` is relative to the first run, only for a figure with a natural zero; `better` states
     whether it is an improvement, None if neither is better.
@@ -160,7 +160,7 @@ def _share(value: float | None, grade: Grade, *, ratio: bool = True) -> _Raw:
 def different_keys(runs: Sequence[Run]) -> list[tuple[str, list[str]]]:
     """Return the keys of the trials that are not the same in all runs, with each run's value.
 
-    Effects that are hidden in the plant stand in no trial.yaml, but in what the plant wrote.
+    Effects that are hidden in the plant are in no trial.yaml, but in truth.json.
     """
     flat = [dict(_flat(run.trial)) | dict(_hidden(run)) for run in runs]
     keys = sorted({key for one in flat for key in one})

@@ -89,7 +89,7 @@ def _effect(entry: dict[str, Any], verdict: str) -> str:
 
 
 def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
-    """Yield what comes nearest, what the rest depends on, and the law that was drafted of it."""
+    """Yield the nearest effect, the variables of the rest, and the law drafted for it."""
     if (nearest := answer["nearest"]) is not None:
         before, after = _percent(nearest["before"]), _percent(nearest["after"])
         yield (

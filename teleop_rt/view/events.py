@@ -14,7 +14,7 @@ _MOST = 200
 
 
 Words = Callable[[Mapping[str, Any], Units], str]
-"""(event, units of the rig) -> what is read."""
+"""(event, units of the rig) -> text of a line."""
 
 
 def event_rows(

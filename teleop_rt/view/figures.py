@@ -102,7 +102,7 @@ def _true(x: Array, y: Array) -> Curve:
 
 
 def force_chart(run: Run) -> Chart:
-    """Return force measured and predicted behind the same filter, and what is left between them."""
+    """Return force measured and predicted behind the same filter, and their difference."""
     slave, t = run.slave, seconds(run, run.slave)
     limits, spikes = robust_limits(t, run.residual)
     left = Curve(label=RESIDUAL, x=t, y=run.residual, colour=LIGHT.residual)

@@ -90,7 +90,7 @@ def _hover(
 
 
 def _spikes(plot: figure, panel: Panel) -> None:
-    """Mark what lies beyond the scale at its edge, with its size under the pointer."""
+    """Mark values beyond the scale at its edge, with their size under the pointer."""
     if panel.limits is None or not panel.spikes:
         return
     x, sizes = (np.array(row) for row in zip(*panel.spikes, strict=True))

@@ -16,7 +16,7 @@ from teleop_rt.view.screen import screen, script
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One answer: a grade (good, attention, bad or unknown), a value, and what stands behind it."""
+    """One answer: a grade (good, attention, bad or unknown), a value, and its explanation."""
 
     title: str
     grade: str
@@ -25,7 +25,7 @@ class Tile:
 
 
 def figures_of(charts: Sequence[Chart]) -> dict[str, Any]:
-    """Return what a page shows charts with: `charts` by name, `paper`, `screen` and `script`."""
+    """Return the charts of a page: `charts` by name, `paper`, `screen` and `script`."""
     return {
         "charts": {chart.name: chart for chart in charts},
         "paper": {chart.name: svg(figure_of(chart), chart.label) for chart in charts},

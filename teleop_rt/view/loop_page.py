@@ -1,4 +1,4 @@
-"""The page of a closed loop: what was missing, and the errors on fresh data before and after."""
+"""The page of a closed loop: the missing effect, and the errors before and after."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _effect(one: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _charts(folder: Path, felt_of: FeltOf) -> Iterator[Chart]:
-    """Give what both fresh runs left of the force, at the slave and under the hand."""
+    """Yield the residual force of both fresh runs, at the slave and under the hand."""
     places = [folder / name for name in _RUNS]
     if not all((place / RECORDING).is_file() for place in places):
         return

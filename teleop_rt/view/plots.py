@@ -129,7 +129,7 @@ def _legend(axes: Axes, chart: Chart) -> None:
 
 
 def svg(figure: Figure, label: str) -> str:
-    """Return a figure as SVG, the same text each time; `label` is what a screen reader says."""
+    """Return a figure as SVG, the same text each time; `label` is for screen readers."""
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": label, "svg.fonttype": "none"}):
         # `savefig` would draw it twice.

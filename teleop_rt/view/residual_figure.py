@@ -1,4 +1,4 @@
-"""The figure of a diagnosis: what is left of the force before and after, seen from six sides."""
+"""The figure of a diagnosis: the residual before and after, seen from six sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run folder as the report reads it: what was configured, counted, recorded and logged."""
+"""A run folder as the report reads it: its config, counts, recording and log."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
 
 
 def read_every_tick(folder: Path) -> Columns:
-    """Return what a summary is rebuilt from: of every tick of the slave, however many there are."""
+    """Return the data to rebuild a summary from: every tick of the slave, however many."""
     names = {"/slave": ("tick", "state", "fault", "wake_latency_us", "work_us")}
     return read_topics(folder / RECORDING, ["/slave"], names)["/slave"]
 
@@ -195,7 +195,7 @@ def read_trial(folder: Path) -> Mapping[str, Any]:
 
 
 def read_events(log: Path) -> list[dict[str, Any]]:
-    """Return the events of a log; what processes printed beside them becomes `output` events."""
+    """Return the events of a log; other lines that processes printed become `output` events."""
     if not log.is_file():
         return []
     return [_event(text) for text in log.read_text("utf-8", errors="replace").splitlines()]

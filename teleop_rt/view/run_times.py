@@ -10,7 +10,7 @@ from teleop_rt.view.run_folder import Columns, Run
 
 Array = NDArray[np.float64]
 UNKNOWN = (0.0, 3.0)
-"""Statuses `warming up` and `restarted`: what an estimator holds then is no estimate."""
+"""Statuses `warming up` and `restarted`, in which an estimator's values are no estimate."""
 _AFTER_FAULT_S = 0.2  # of the first look at a run that stopped: the force falls within it
 
 
@@ -28,7 +28,7 @@ def span(run: Run) -> Limits:
 
 
 def window(run: Run) -> Limits:
-    """Return what the force is shown over at first [s]: a few swings, or up to the fault."""
+    """Return the interval [s] of the force shown at first: a few swings, or up to the fault."""
     t, slave = seconds(run, run.slave), run.slave
     start, end = few_swings(t, slave["position"], slave["in_contact"]) or span(run)
     stopped = np.flatnonzero(slave["fault"] > 0)

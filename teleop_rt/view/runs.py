@@ -1,4 +1,4 @@
-"""The runs of a folder as a list: when, which trial, how it went, and what was found."""
+"""The runs of a folder as a list: date, trial, end, and results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from teleop_rt.view.style import model_name, parameter
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """One run; what its summary does not know is None."""
+    """One run; values that its summary lacks are None."""
 
     folder: str
     began_at: str | None

@@ -76,7 +76,7 @@ def _renumbered(text: str) -> str:
 
 
 def script() -> str:
-    """Return what shows the figures and answers to the buttons of a page."""
+    """Return the script that shows the figures and answers the buttons of a page."""
     return (files("teleop_rt.view") / "pages" / "screen.js").read_text(encoding="utf-8")
 
 

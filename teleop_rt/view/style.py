@@ -131,7 +131,7 @@ def _variable(colour: str) -> str:
 
 
 def model_name(model: str) -> str:
-    """Return what people call a model id."""
+    """Return the name of a model for people."""
     return MODEL_NAMES.get(model, model)
 
 
@@ -147,7 +147,7 @@ _SOLVERS = MappingProxyType(
 
 
 def method_name(regression: str, solver: str) -> str:
-    """Return what a figure calls a method; a solver may say that its effects are frozen."""
+    """Return a figure's name of a method; a solver may say that its effects are frozen."""
     plain = solver.removesuffix(FROZEN_LABEL)
     name = _SOLVERS.get(plain, plain)
     name += ", effects frozen" if plain != solver else ""

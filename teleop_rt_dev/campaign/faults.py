@@ -9,7 +9,7 @@ not timed: packets, configs, cuts, killed recorders, a soak. With --processes al
 clock: daemon and slave killed or frozen, the motor read in the simulated rig's own process.
 
 --json prints a line as soon as a row is there, so that a campaign that is ended early has not been
-for nothing; --table prints such files as one table. What cannot be played is a row as well, which
+for nothing; --table prints such files as one table. A case that cannot be played is a row, which
 does not hold. Exits with 1 where something does not hold.
 """
 

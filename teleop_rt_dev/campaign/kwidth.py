@@ -3,11 +3,12 @@
     scripts/campaign kwidth [--json]
 
 A device of 0.2 kg behind a position step of 1 um is held by hands of 0.1 to 3 kg, and pushed
-against a sampled unilateral spring. Stable is what comes to rest on it, or dies away. Plain
+against a sampled unilateral spring. A hand that comes to rest on it, or swings less and less, is
+stable. Plain
 rendering is the spring alone; the textbook's controller (Hannaford and Ryu 2002) adds damping while
 the port has given more energy than it took, with credit kept for ever. Ours renders no spring above
-the bound, so its width is 1 wherever that is quiet. What plain rendering has beyond is what the
-bound gives away for these five hands: it holds for every passive one.
+the bound, so its width is 1 wherever that is quiet. The excess of plain rendering over 1 is the
+margin that the bound gives away for these five hands: it holds for every passive one.
 
 A second table compares what the shipped handles render, K without B and B beside the cube's K, with
 the optimum for the plant's own damping, latency and motor (`best_wall.py`).

@@ -23,8 +23,8 @@ def foreign_lambda(record: Foreign, *, surface_found: bool) -> float:
 
     The base is fitted to the force without noise along the path without the encoder's steps, with
     physical signs, with a contact that pulls and one that does not, and with the surface free where
-    it must be found. What a refit leaves of the force without effects is the error of this figure,
-    and is taken off.
+    it must be found. The residual of a refit without effects is the error of this figure, and is
+    subtracted.
     """
     rig = record.rig
     if rig is None:

@@ -8,7 +8,7 @@ where they begin with a first touch. It never changes while the hand is in it, o
 change to: a wall that moves where nobody feels it does no work. The leash's brake alone goes on to
 count from where it counted in the run: dry friction gives no energy, whatever its limit does. No
 model, no offset, no news, no sampling and no latency has a part in it; the wall stays, or moves on
-as the body does. What the hand does there is its own share. Swings are its own where it makes a row
+as the body does. The hand's motion there is its own share. Swings are its own where it makes a row
 there at that time, about as fast and as large, and so long that fewer than five swings are left, or
 where little and nothing sustained remains once its motion there is subtracted. The first finds a
 hand that bounces in its own rhythm, whose motions drift apart by a touch that was earlier; the

@@ -86,13 +86,13 @@ class Codec(Protocol):
         """Largest position of either sign that a command can hold."""
 
     def opening(self) -> Frames:
-        """Return what is sent once to a drive without power: limits, faults cleared."""
+        """Return the frames sent once to a drive without power: limits, faults cleared."""
 
     def enable(self, position: float) -> Frames:
-        """Return what gives power, to hold at this position."""
+        """Return the frames that switch power on, to hold at this position."""
 
     def disable(self) -> Frames:
-        """Return what takes power away; a drive that `asks` answers it with a report."""
+        """Return the frames that switch power off; a drive that `asks` answers with a report."""
 
     def follow(self, position: float, velocity: float) -> Frames:
         """Return the order to go to a position, at a velocity."""

@@ -144,7 +144,7 @@ class MoteusPart(CanActuatorPart):
 
     @property
     def answer_bytes(self) -> tuple[int, ...]:
-        """Return four floats, a fault code and what stands before them, padded."""
+        """Return four floats, a fault code and the bytes before them, padded."""
         return (24,)
 
     def codec(self, rig: RigConfig) -> MoteusCodec:

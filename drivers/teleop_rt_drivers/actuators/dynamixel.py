@@ -86,7 +86,7 @@ class DynamixelCodec(BusServoCodec):
         return Frame(0, packet(BROADCAST, SYNC_WRITE, parameters))
 
     def opening(self) -> Frames:
-        """Return no torque, mode, limits and watchdog, and what stands side by side."""
+        """Return no torque, mode, limits and watchdog, and the indirect addresses."""
         addresses = [first + place for first, size in ASKED for place in range(size)]
         return (
             self._off,
@@ -117,7 +117,7 @@ class DynamixelCodec(BusServoCodec):
         return len(packet) >= 10 and crc16(packet[:-2]) == int.from_bytes(packet[-2:], "little")
 
     def registers(self, frame: Frame) -> bytes | None:
-        """Return what a status packet of our drive holds; None for another packet."""
+        """Return the contents of our drive's status packet; None for another packet."""
         found = frame.data
         if found[4] != self._id or found[7] != STATUS:
             return None

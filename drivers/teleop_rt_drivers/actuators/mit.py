@@ -88,14 +88,14 @@ class MitCodec:
         return (self.impedance(0.0, 0.0, 0.0, self._gains.kd, 0.0),)
 
     def question(self) -> Frame:
-        """Return what asks for the position, and commands nothing."""
+        """Return the frame that asks for the position, and commands nothing."""
         raise NotImplementedError
 
     def push(self, torque: float) -> Frames:
         """Return the command to push with a torque, and nothing else; its mean is exact.
 
         None of its codes is 0; the nearest one pushes for ever, by 2.4 mNm over 12 bits of 10 Nm.
-        What a command rounds away is therefore added to the next one.
+        The rounding error of a command is therefore added to the next one.
         """
         top, bits = self.ranges.torque, self.torque_bits
         wanted = min(max(torque, -top), top) + self._unpaid

@@ -153,7 +153,7 @@ class ActuatorPort:
             self.report.state = DriveState.OFF
 
     def _deliver(self, now_ns: int) -> None:
-        """Hand on what was measured."""
+        """Hand the measured values on."""
         if self._codec.asks:
             now_ns = self._state_ns = self._measured_ns(self._asked_ns)
         self._hand_on(now_ns)
@@ -178,7 +178,7 @@ class ActuatorPort:
         self.sources[DRIVE].deliver(values, now_ns)
 
     def send(self, command: str, values: Values) -> None:  # noqa: ARG002 - the port has but one
-        """Send what an order takes: a control value and a target [turn or rad, or Nm]."""
+        """Send the frames of an order: a control value and a target [turn or rad, or Nm]."""
         control, target = int(values[0]), values[1]
         now_ns, state = self._now_ns(), self.report.state
         if control == FOLLOW:

@@ -57,7 +57,7 @@ def survey_lines(
 
 
 def latency_timer(path: str, declared_ms: float, adapters: Path) -> Finding:
-    """Compare the adapter's latency timer with what the rig says; other chips have none."""
+    """Compare the adapter's latency timer with the rig's value; other chips have none."""
     where, file = "drive, adapter", adapters / Path(path).resolve().name / "latency_timer"
     try:
         found_ms = float(file.read_text())

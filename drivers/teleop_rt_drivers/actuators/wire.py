@@ -51,7 +51,7 @@ class Wire(Protocol):
         """Hand on all that has arrived."""
 
     def settle(self) -> None:
-        """Give the drive time for what it does not answer."""
+        """Give the drive time for packets that it does not answer."""
 
     def wait(self, timeout_s: float) -> None:
         """Wait for something to arrive, no longer than that."""
@@ -87,7 +87,7 @@ class CanWire(CanEnd):
         return True
 
     def settle(self) -> None:
-        """Return at once: a controller on a CAN bus queues what it is sent."""
+        """Return at once: a controller on a CAN bus queues its frames."""
 
 
 class LineWire:
@@ -151,7 +151,7 @@ class LineWire:
         return True
 
     def drain(self, now_ns: int) -> None:
-        """Read what has arrived, and hand on each packet whose checksum is right."""
+        """Read the arrived bytes, and hand on each packet whose checksum is right."""
         if self._stream is None or self.fault is not AxisFault.NONE:
             return
         for arrived_ns, data in self._stream.kept:

@@ -74,7 +74,7 @@ def torque_lag_keys(rig: RigConfig, found: TorqueLag) -> dict[KeyPath, float]:
 
 
 def drivetrain_of(rig: RigConfig) -> tuple[KeyPath, DrivetrainConfig]:
-    """Return the place of the drivetrain in the rig's file, and what it says."""
+    """Return the place of the drivetrain in the rig's file, and its values."""
     for name, part in parts_of(rig.axis).items():
         section = ("axis", "parts", name, "drivetrain") if name else ("axis", "drivetrain")
         if not isinstance(part, CanopenPart | ActuatorPart) or part.force != FROM_DRIVE:

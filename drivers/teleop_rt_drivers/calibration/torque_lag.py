@@ -1,8 +1,8 @@
 """The lag of a drive's reported torque behind its position, from a run that pressed on a body.
 
-What a mass takes of the motor's force follows the acceleration at once. So the recorded force,
-with all put back that the drivetrain took of it, is fitted by stiffness, mass and dry friction of
-the motion at several earlier times; that which leaves least is the lag.
+The inertial force of a mass follows the acceleration at once. So the recorded force, with the
+drivetrain's losses added again, is fitted by stiffness, mass and dry friction of the motion at
+several earlier times; the time with the smallest residual is the lag.
 """
 
 from __future__ import annotations

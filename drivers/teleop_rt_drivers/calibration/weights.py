@@ -24,7 +24,7 @@ LARGEST_DRIFT = 0.02
 
 
 class CalibrationError(ExpectedError):
-    """The experiment does not allow a calibration: says why, and what to do."""
+    """The experiment does not allow a calibration: the message gives cause and next step."""
 
 
 @dataclass(frozen=True, slots=True)

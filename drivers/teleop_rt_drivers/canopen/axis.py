@@ -123,7 +123,7 @@ class CanopenAxis:
             bus.send(setup.NMT, bytes((setup.START, node.node_id)))
 
     def listen(self) -> None:
-        """Begin with what arrives from now on, on devices that are configured."""
+        """Begin with frames that arrive from now on, on devices that are configured."""
         self._receiver.reset()
         self._send_failures = self._sync_words[SENT] = self._heartbeat_due_ns = 0
 

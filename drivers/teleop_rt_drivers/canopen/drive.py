@@ -100,7 +100,7 @@ class Drive:
         self._aim = bound(exchange.aim, (stored,), 0.0)
 
     def sender(self, door: CanDoor) -> Callable[[float], int] | None:
-        """Return what sends a position [rig unit] while `follows`, as `put_frame` does.
+        """Return a sender of a position [rig unit] while `follows`, as `put_frame` does.
 
         A drive that takes forces has none: its loop computes them first.
         """
@@ -112,7 +112,7 @@ class Drive:
         return functools.partial(send, head, cia402.ENABLE_OPERATION)
 
     def _describe(self, tpdo: PdoCodec, rpdo: PdoCodec, scale: Scale) -> None:
-        """Say where the kernels find what the drive answers, and what a command holds."""
+        """Give the kernels the places of the drive's answers and of a command's fields."""
         source = self.record.source
         source.offset, source.gain = scale.offset, scale.sign * scale.per_count
         source.control_at = rpdo.places[self._control_slot]

@@ -27,7 +27,7 @@ Refuse = Callable[[str, str], AxisError]
 
 
 def check(text: str, name: str) -> None:
-    """Refuse a file whose objects cannot be what they say; AxisError names file, line and key."""
+    """Refuse a file with impossible objects; AxisError names file, line and key."""
     parser = configparser.RawConfigParser(inline_comment_prefixes=(";",))
     parser.optionxform = str  # type: ignore[method-assign,assignment]  # keys keep their case
     try:
@@ -48,7 +48,7 @@ def check(text: str, name: str) -> None:
 
 
 def _syntax(error: configparser.Error, name: str) -> str:
-    """Return what is no EDS at all, with its line."""
+    """Return a message with the place and the text of the first line that is not of an EDS."""
     wrong: list[tuple[int, str]] = getattr(error, "errors", [])
     if wrong:
         line, content = wrong[0]
@@ -101,7 +101,7 @@ def _check_object(
 
 
 def _check_value(refuse: Refuse, key: str, value: str, data_type: int) -> None:
-    """Refuse what is no number, or one that the object's type cannot hold."""
+    """Refuse a value that is not a number, or one beyond the object's type."""
     if not NUMBER.match(value):
         raise refuse(key, f"{value!r} is no number")
     number, bits = _number(value), BITS[data_type]

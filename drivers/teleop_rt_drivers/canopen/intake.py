@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 DUPLICATE_CYCLES = 3
 """Cycles in a row with more answers than were ever owed: then a second sender is believed."""
 CYCLES_TO_CATCH_UP = 3
-"""Answered cycles that a node may stay behind; then what it owes is believed to be lost."""
+"""Answered cycles that a node may stay behind; then its missing answers count as lost."""
 MOST_ANSWERS_OWED = 10_000
 """Answers that a node is remembered to owe: of 10 s at 1 kHz; more come from a second sender."""
 SILENT_CYCLES = 3
@@ -88,7 +88,7 @@ def take_value(s: SourceFields, slots: Slots, row: int, counts: Whole) -> None:
         return
     value = s.offset + s.gain * number(slots, row, s.number_at, s.number_kind)
     good = s.status_at < 0 or number(slots, row, s.status_at, s.status_kind) == 0.0
-    # What is no number is in no range.
+    # Not-a-number is in no range.
     if s.lower <= value <= s.upper and good:
         s.candidate = value
     elif not math.isfinite(value):
@@ -265,7 +265,7 @@ def fill(r: Reading, s: SampleFields, sources: Sources) -> None:
 
 @kernel
 def judge(r: Reading, s: SampleFields, events: int, counts: Whole) -> None:
-    """Write whether a cycle brought what a sample needs, and what has gone wrong so far."""
+    """Write whether a cycle completed a sample, and the errors so far."""
     s.valid = events & (DUPLICATE - 1) == 0
     if s.valid > 0:
         r.missing = 0

@@ -300,7 +300,7 @@ class Receiver:
             handle(can_id, data, now_ns)
 
     def _set_aside(self, can_id: int, data: Data) -> None:
-        """Count a frame that is for nobody here, by what it is."""
+        """Count a frame that is for nobody here, by its kind."""
         if can_id == UNREADABLE:
             self.counters["unreadable"] += 1
         elif can_id & ERROR:

@@ -49,7 +49,7 @@ class ConfigurationBus:
             ) from error
 
     def discard(self) -> None:
-        """Drop what is waiting: an answer that came too late must not be taken for a new one."""
+        """Drop waiting answers: one that came too late must not be taken for a new one."""
         for _ in range(MOST_DISCARDED):
             try:
                 if self._bus.recv(0) is None:

@@ -31,7 +31,7 @@ FIXED = (0x1000, 0x1018)
 
 
 def survey(config: CanopenPart, bus: can.BusABC, now_ns: Callable[[], int]) -> list[Finding]:
-    """Return what answers on a bus, and where a device is not what its EDS says."""
+    """Return the nodes that answer on a bus, and their differences from their EDS."""
     pumped = ConfigurationBus(bus, now_ns)
     try:
         setup.refuse_other_masters(pumped, config)

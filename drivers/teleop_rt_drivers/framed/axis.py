@@ -47,7 +47,7 @@ class FramedAxis:
 
     `counters` contains the rejected frames by reason. A fault stays until `configure` is called
     again. `drive` is one with its own protocol, if there is one, and `timing` its latency as an
-    operator's device. A `drivetrain` frees the force of what is between motor and tool.
+    operator's device. A `drivetrain` removes friction and inertia of the motor from the force.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class FramedAxis:
         self._configured = True
 
     def listen(self) -> None:
-        """Begin with what arrives from now on. Raises AxisError where a port cannot be opened."""
+        """Begin with frames from now on. Raises AxisError where a port cannot be opened."""
         for port in self._ports:
             port.open()
         self._fault = NO_AXIS_FAULT

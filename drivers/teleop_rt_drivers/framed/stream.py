@@ -182,7 +182,7 @@ class SerialStream(DescriptorStream):
 def keep_arrivals(watched: Sequence[Watched], seconds: float) -> None:
     """Wait so long, and keep what arrives meanwhile with its own time.
 
-    What is there at once came while nobody looked. What is gone is left for the next read to find.
+    Bytes that are there at once came between two reads. The next read reports a device that left.
     """
     by_descriptor = {one.descriptor: one for one in watched if one.descriptor >= 0}
     terminals = [descriptor for descriptor, one in by_descriptor.items() if one.is_terminal]

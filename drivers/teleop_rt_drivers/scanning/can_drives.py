@@ -38,7 +38,7 @@ class CanScan:
         self._now_ns = now_ns
 
     def listen(self, seconds: float, take: Callable[[can.Message], object]) -> None:
-        """Hand on what comes in this time."""
+        """Yield the frames that come in this time."""
         end_ns = self._now_ns() + round(1e9 * seconds)
         while (left_ns := end_ns - self._now_ns()) > 0:
             try:
@@ -51,7 +51,7 @@ class CanScan:
                 take(frame)
 
     def ask(self, frame: can.Message, take: Callable[[can.Message], object]) -> None:
-        """Send a question, and hand on what comes as an answer may."""
+        """Send a question, and yield the frames that may be answers."""
         try:
             self._bus.send(frame, 0.1)
         except (can.CanError, OSError) as error:

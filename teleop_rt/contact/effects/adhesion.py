@@ -48,7 +48,7 @@ def _attraction(
 ) -> float:
     """Pull the tool in all through a contact, and on until it is out of range.
 
-    After Derjaguin, Muller and Toporov (1975): what attracts acts beside the elastic force. A power
+    After Derjaguin, Muller and Toporov (1975): attraction acts beside the elastic force. A power
     above 1 is a liquid's neck, whose force falls nearly exponentially until it breaks.
     """
     _touch(state, x, eta[0])

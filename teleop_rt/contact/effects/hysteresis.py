@@ -1,4 +1,4 @@
-"""Materials that remember what was done to them: hysteresis, damage, a set."""
+"""Materials that remember their past motion: hysteresis, damage, a set."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def _set_behind_deepest(
 def _set_beyond_yield(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    """Leave a share of what the deepest penetration has gone beyond a yield depth."""
+    """Leave a share of the deepest penetration beyond a yield depth."""
     state[0] = max(state[0], x - eta[0])
     return float(-max(state[0], 0.0))
 

@@ -1,4 +1,4 @@
-"""Effects between the encoder and the surface: what the material sees is not what is measured."""
+"""Effects between encoder and surface: the material's motion differs from the measured one."""
 
 from __future__ import annotations
 

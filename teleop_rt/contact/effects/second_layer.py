@@ -1,4 +1,4 @@
-"""Second layers: what the tool meets beyond a depth."""
+"""Second layers: material that the tool meets beyond a depth."""
 
 from __future__ import annotations
 

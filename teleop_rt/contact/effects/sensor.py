@@ -1,4 +1,4 @@
-"""Effects of the force channel: what is recorded is not the force."""
+"""Effects of the force channel: the recorded value differs from the force."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ EFFECTS = (
         sentence="Gravity turns a linkage of arm {arm}, felt as up to {torque} along the axis.",
         compensation="subtract_force",
         only_in_contact=False,
-        like=("force_bias", "second_layer"),  # a constant in air, and what bends in contact
+        like=("force_bias", "second_layer"),  # constant in air, a bend in contact
     ),
     Effect(
         name=RETURN_SPRING,

@@ -31,7 +31,7 @@ _CHOICES = {
 
 
 class EffectError(ExpectedError):
-    """A user's declaration cannot be used: says which, and what to change."""
+    """A user's declaration cannot be used; the message names it and the change it needs."""
 
 
 def load_file(path: Path) -> tuple[Effect, ...]:

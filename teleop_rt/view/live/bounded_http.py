@@ -21,7 +21,7 @@ LONGEST_REQUEST = 16 << 10
 WHOLE_WITHIN_S = 10.0
 """A request that has not come by then is dropped, and so is a connection that asks nothing more."""
 LONGEST_MESSAGE = 1024
-"""Bytes of a message from a browser; what a page asks is shorter."""
+"""Bytes of a message from a browser; the requests of a page are shorter."""
 SCRIPTS = r"/static/(js/bokeh[a-z-]*\.min\.js)"
 """Files of bokeh that the page names, and no other path."""
 

@@ -87,7 +87,7 @@ class Window:
         self.count = 0
 
     def take(self, rows: Columns) -> None:
-        """Append rows; what is older than the window is dropped when it is next looked at."""
+        """Append rows; rows older than the window are dropped at the next read."""
         self.count += rows["stamp_ns"].size
         self._pieces.append(rows)
         if len(self._pieces) > _MOST_PIECES:
@@ -134,7 +134,7 @@ class Thinner:
 
 
 class Feed:
-    """One reader for all browsers; `poll()` takes what is new."""
+    """One reader for all browsers; `poll()` takes the new rows."""
 
     def __init__(self, source: RowSource, window_s: float) -> None:
         self.source = source
@@ -182,7 +182,7 @@ class Feed:
         self.health = Health()
 
     def poll(self) -> None:
-        """Take in what has come since the last call."""
+        """Take the rows since the last call."""
         about = self.about
         if about is None:
             return

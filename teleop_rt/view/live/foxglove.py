@@ -1,4 +1,4 @@
-"""A bridge to Foxglove: what the live page is fed, over its WebSocket protocol, read-only."""
+"""A bridge to Foxglove: the feed of the live page over WebSocket, read-only."""
 
 from __future__ import annotations
 

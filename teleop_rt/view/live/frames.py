@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _SLOWLY = 5
 """Residual, parameters and words change in every fifth frame: nobody reads them faster."""
 _PARAMETERS_TURN, _WORDS_TURN, _RESIDUAL_TURN = 0, 2, 4
-"""Which frame of five brings what: all in one would hold up the curves that move in each."""
+"""Contents of each of five frames: all in one would delay the curves, which move in each."""
 _FAST = ("slave", "master")
 _TOPICS = {"slave": "/slave", "residual": "/slave", "master": "/master"}
 _ESTIMATE = "estimate "
@@ -61,7 +61,7 @@ class Frames:
         self._white = None
 
     def next(self, note: str = "") -> str:
-        """Return what is new since the last call; `note` is a word to everybody who looks."""
+        """Return the changes since the last call; `note` is a message to every browser."""
         turn = self._count % _SLOWLY
         self._count += 1
         sources: dict[str, Any] = {}
@@ -214,7 +214,7 @@ def _topic(about: About, row: int) -> str:
 
 
 def _bands(rows: Columns, names: list[str]) -> dict[str, Array]:
-    """Return each parameter with two deviations either way; what is no estimate is left out."""
+    """Return each parameter with two deviations either way; other values are left out."""
     unknown = np.isin(rows["status"], (0.0, 3.0))
     nothing = np.full(unknown.size, np.nan)
     columns = {}

@@ -160,7 +160,7 @@ def _uncoupled(slave: Columns, master: Columns) -> Lamp | None:
 
 
 def _troubles(slave: Columns, master: Columns) -> str:
-    """Return in words what went wrong so far, and what both ends refused; nothing for nothing."""
+    """Return a text of all troubles and refused packets so far; empty without any."""
     words = []
     if lost := _last(master, "packets_lost"):
         words.append(f"{100 * lost / (lost + _last(master, 'packets_received')):.2g} % lost")

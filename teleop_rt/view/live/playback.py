@@ -37,9 +37,9 @@ class Playback:
         self._base_s, self._since_s = max(0.0, place_s), self._now_s()
 
     def change(self, asked: Mapping[str, Any]) -> float | None:
-        """Take what a page asks: `play`, `speed`, `loop`; return the place of `seek`, if asked.
+        """Take a request of a page: `play`, `speed`, `loop`; return the place of `seek`, if asked.
 
-        What is none of these, or out of range, changes nothing.
+        Any other request, or a value out of range, changes nothing.
         """
         self.move(self.place_s)
         self.playing = asked["play"] if isinstance(asked.get("play"), bool) else self.playing

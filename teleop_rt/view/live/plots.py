@@ -1,4 +1,4 @@
-"""The plots of the live page: what they draw, one colour and line style per quantity."""
+"""The plots of the live page: their curves, one colour and line style per quantity."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from teleop_rt.view.style import DARK, LIGHT
 FRAME_MS = 40
 """Between two frames of the page, 25 a second."""
 FULL_RATE_BROWSERS = 20
-"""So many browsers get every frame; what that takes is shared out where more of them look."""
+"""Browsers that get every frame; with more of them, each gets fewer."""
 MOST_BROWSERS = 200
 """Beyond them the longest without an interest makes room: one that does not read, or the first."""
 _JUDGE_MS = 200
@@ -59,11 +59,11 @@ class Audience:
         self._lines.pop(line, None)
 
     def wish(self, asked: Mapping[str, Any]) -> None:
-        """Keep what a browser asks of a playback; the last one asked counts."""
+        """Keep a browser's request to a playback; the last request counts."""
         self._wishes |= {name: asked[name] for name in _WISHES if name in asked}
 
     def take_wishes(self) -> Mapping[str, Any]:
-        """Return what was asked since the last call."""
+        """Return the requests since the last call."""
         wishes, self._wishes = self._wishes, {}
         return wishes
 
@@ -139,7 +139,7 @@ class Line(WebSocketHandler):
         self._audience.leave(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Take which estimator is looked at, and what is asked of a playback; ignore the rest."""
+        """Take the choice of an estimator and requests to a playback; ignore the rest."""
         try:
             asked = json.loads(message)
         except (ValueError, RecursionError):
@@ -154,7 +154,7 @@ class Line(WebSocketHandler):
 
     @property
     def free(self) -> bool:
-        """True once the browser has taken what was sent."""
+        """True once the browser has received the last frame."""
         return self._under_way is None or self._under_way.done()
 
     def drop(self) -> None:

@@ -49,12 +49,12 @@ class About:
 
 
 class RowSource(Protocol):
-    """Gives what is new of each topic."""
+    """Gives the new rows of each topic."""
 
     name: str
 
     def about(self) -> About | None:
-        """Return what runs, None while that is not known yet."""
+        """Return the description of the run, None while it is not known yet."""
 
     def topics(self) -> dict[str, list[str]]:
         """Return the names of the signals of each topic known so far."""
@@ -79,7 +79,7 @@ class RingSource:
         self._readers: dict[str, tuple[RingReader, list[str]]] = {}
 
     def about(self) -> About | None:
-        """Return what runs, None until the slave has published it."""
+        """Return the description of the run, None until the slave has published it."""
         self._session = self._session or self._find()
         if self._session is None:
             return None
@@ -150,7 +150,7 @@ class RecordingSource:
         self.playback.move(place_s)
 
     def about(self) -> About | None:
-        """Return what ran."""
+        """Return the description of the run."""
         return self._about
 
     def topics(self) -> dict[str, list[str]]:

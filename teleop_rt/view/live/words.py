@@ -30,7 +30,7 @@ STOPPED = frozenset({State.SAFE_STOP, State.FAULT})
 
 
 def lamp(found: Lamp) -> str:
-    """Return a lamp: a sign and a colour, a title, and what stands behind it."""
+    """Return a lamp: a sign and a colour, a title, and its explanation."""
     return (
         f'<div class="lamp {found.grade}" role="status"><i>{MARKS[found.grade]}</i> '
         f"<b>{escape(found.title)}</b><br><span>{escape(found.text)}</span></div>"
