@@ -23,7 +23,11 @@ GIVEN_BACK = 0.6
 """Of the energy taken, while bounded: 2 ms more than the device says make 0.4 of it at 8 Hz."""
 
 RECOVERS_S = 0.02
-"""How long a force that is withheld whole takes to return."""
+"""How long a force that is withheld whole takes to return at a turn of the hand."""
+RETURNS_S = 0.5
+"""How long it takes once energy is not bounded any more: a wall that came nearer meanwhile is not
+felt before, and within 20 ms it is a kick; as the longest blend of `adoption`.
+"""
 
 StoredEnergy = NDArray[np.record]
 Forces = NDArray[np.float64]
@@ -81,7 +85,8 @@ def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: b
     While bounded a share is kept as well that grows without a step from where the hand turned,
     to 1 - GIVEN_BACK in all: a latency that is longer than the device says makes up to that.
     The withheld part is computed on the way out, and only falls on the way in, over `RECOVERS_S`:
-    a force that is whole again at each turn is a step there, and a hand at rest chatters.
+    a force that is whole again at each turn is a step there, and a hand at rest chatters. What a
+    bounding withheld returns over `RETURNS_S` after its end.
     """
     if not 0.0 < stored_J < math.inf:
         p.withheld = 0.0
@@ -91,7 +96,7 @@ def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: b
     if bounded and leaving and p.turned_J > 0.0:
         share *= 1 - 2 * (1 - GIVEN_BACK) * (1 - min(1.0, stored_J / p.turned_J))
     size = abs(force)
-    falls = p.withheld - size * p.period_s / RECOVERS_S
+    falls = p.withheld - size * p.period_s / (RECOVERS_S if bounded else RETURNS_S)
     missing = max((1 - share) * size, falls)
     p.withheld = missing if leaving else min(p.withheld, missing)
     return math.copysign(max(0.0, size - p.withheld), force)

@@ -237,3 +237,17 @@ def test_a_hand_at_rest_that_gave_too_little_does_not_chatter() -> None:
         held_J = 0.5 * 4000.0 * (x + 0.001) ** 2
         forces.append(observer.update(x, 0.0, wall_N, held_J))
     assert max(abs(b - a) for a, b in pairwise(forces[200:])) < 1.0
+
+
+def test_the_end_of_a_bounding_is_no_kick() -> None:
+    """A wall comes nearer to a trembling hand: 6 N that it did not feel were there in 20 ms."""
+    observer, forces = PassivityObserver(T, T, 0.05, 0.005), []
+    for tick in range(2000):
+        observer.bounded = 200 <= tick < 1200
+        nearer = 1.5e-3 * min(1.0, max(0.0, (tick - 300) / 300))
+        x = 5e-5 * math.sin(2 * math.pi * 9.0 * T * tick)
+        depth = 5e-4 + nearer + x
+        forces.append(observer.update(x, 0.0, 4000.0 * depth, 2000.0 * depth**2))
+    assert max(forces[1100:1200]) < 3.0
+    assert np.diff(forces[1199:]).max() < 0.05
+    assert forces[-1] == pytest.approx(4000.0 * depth)
