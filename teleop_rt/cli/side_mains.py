@@ -187,7 +187,7 @@ def run_side(
     """Run one side of a run, in a process of its own that ends with the one that started it.
 
     Session and folder are the run's, and its recorder records; the slave is armed at once. Its
-    modules are loaded while the others start, and it takes its axis when they are ready.
+    modules are loaded while the others start; `others` waits for them, then it opens its axis.
     """
     end_with_parent()
     with emitting_problems(emit_to_parent):

@@ -108,7 +108,7 @@ class Slave:
         self.limiter.reset(self.limiter.position)
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
-        """Return what `decide` works on, in the order of its arguments."""
+        """Return the arrays of `decide`, in the order of its arguments."""
         return (
             self.record.stored,
             self._sample.stored,

@@ -49,14 +49,14 @@ def run_processes(
     reached_by: Sequence[str] = (),
     over: Callable[[], None] = lambda: None,
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
-    """Run a trial as separate processes into its folder; return the outcome and what failed.
+    """Run a trial as separate processes into its folder; return the outcome and the failure.
 
-    All are started at once, but recorder, master and rig (where it is simulated) are ready before
-    the slave takes its axis, and its first tick begins the trial; ended in the order of who must
-    stop first: slave, master, rig, recorder. Ctrl-C ends the run in the same order. `reached_by`
-    are the rig's buses and ports; `over` is called as soon as the trial has ended, however: from
-    then on nothing may interrupt. Raises ProcessFailedError where a process cannot start,
-    BusyError where the rig is in use.
+    All processes start at once. The slave opens its axis when recorder, master and rig (if it is
+    simulated) are ready, and its first tick begins the trial. At the end, also after Ctrl-C, slave,
+    master, rig and recorder stop in this order. `session` is the folder of their rings.
+    `reached_by` are the rig's buses and ports; `over` is called at the end of the trial, whatever
+    its cause: from then on nothing may interrupt. Raises ProcessFailedError where a process cannot
+    start, BusyError where the rig is in use.
     """
     with new_session() as session, claimed(trial.rig.name, reached_by, session):
         refuse_commands(session)
