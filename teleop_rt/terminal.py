@@ -56,7 +56,7 @@ def pipe_that_may_close() -> Iterator[None]:
 
 
 def red(text: str) -> str:
-    """Return text that a terminal shows in red; unchanged where standard output is none."""
+    """Return text that a terminal shows in red; unchanged where standard output goes elsewhere."""
     coloured = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     return f"\x1b[1;31m{text}\x1b[0m" if coloured else text
 

@@ -1,4 +1,4 @@
-"""The progress bar on standard error, for whoever watches a terminal."""
+"""The progress bar on standard error, for people at a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The studies, which are lent what only the command line knows: the drivers."""
+"""The studies; the command line passes them the drivers."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class Corrections:
     def _slowed(self, position: float, rate: float, surface: float) -> float:
         """Return a position as slow as the force: the depth through the channel's own filters.
 
-        A body presses from its surface on, so what a slow channel shows of the way to it is none.
+        A body presses from its surface on: a slow channel's force before it is not the body's.
         """
         depth = max(0.0, position - surface)
         for one, state in zip(self._slow, self._states[len(self._moving) :], strict=True):

@@ -33,7 +33,7 @@ _TRACE = (_MATRIX, numba.float64[:, :, ::1], numba.uint8[:, ::1])
 
 
 def is_compiled(whole: Whole) -> bool:
-    """Return whether the kernels of a tick are in the cache, or no cache can be had."""
+    """Return whether the kernels of a tick are in the cache, or there is no cache."""
     mark = _mark(whole)
     return mark is None or mark.exists()
 

@@ -16,7 +16,7 @@ A process that was stopped keeps its lock. The largest kernel takes 20 s on a de
 times that on a small board.
 """
 _POLL_S = 0.02  # against seconds of compiling
-_given_up = False  # whether this process has waited in vain
+_given_up = False  # whether this process has waited without success
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Compile numeric kernels with numba, cached on disk only where that can be had.
+"""Compile numeric kernels with numba, cached on disk only if there is a folder.
 
 Numba looks only at place, time and size of a kernel's own file to decide whether its cached code is
 current, though that code holds every other kernel and constant that it uses. So each file's kernels

@@ -19,7 +19,7 @@ def _load() -> None:
     """Load the parts of numba that detect other packages, as if these were not there."""
     modules = cast("dict[str, Any]", sys.modules)
     hidden = [name for name in _ONLY_LOOKED_FOR if name not in modules]
-    modules.update(dict.fromkeys(hidden))  # Python takes None for a module that cannot be had
+    modules.update(dict.fromkeys(hidden))  # Python takes None for a module that cannot be imported
     try:
         for name in _LOOKING:
             with suppress(ImportError):

@@ -73,7 +73,7 @@ class Endpoint(EndpointState):
     `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
     each or None, and the `fresh_...` flags say which came in this poll. `send()` before the
     session stands does nothing. `stale_after_ns` bounds the age of what is taken in. `clock` is
-    the peer's, fixed by whoever follows it. For kernels `newest_motion` is `motion`, and `words`
+    the peer's, fixed by its follower. For kernels `newest_motion` is `motion`, and `words`
     are what `intake` works on.
     """
 
@@ -321,7 +321,7 @@ class Endpoint(EndpointState):
             self.clock.forget()
 
     def _say_taken(self, retired: Session, now_ns: int) -> None:
-        """Answer whoever goes on in the session that was taken over; it is not obeyed."""
+        """Answer a peer that continues a session that was taken over; it is not obeyed."""
         if self._notices.take(now_ns):
             body = encode(TakenOver(self.peer))
             self._send(retired, Kind.TAKEN, body, now_ns, self.transport.sender)

@@ -65,7 +65,7 @@ def encode_header(header: Header) -> bytes:
 
 
 def decode_header(packet: bytes) -> Header:
-    """Read the header of a packet; raises MessageError where it is none of this protocol."""
+    """Read the header of a packet; raises MessageError if it is not of this protocol."""
     if len(packet) < HEADER_BYTES:
         raise MessageError("length")
     magic, version, code, session, sequence, stamp_ns, echo_ns, held_ns = _HEADER.unpack_from(

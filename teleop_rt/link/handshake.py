@@ -39,7 +39,7 @@ RETRIES_PER_S = 500
 RETRIES_PER_HOST = 250
 """Cookies a second to all ports of one host, which cost it nothing: the others keep half."""
 HASHES_PER_POLL = 256
-"""Spent on whoever asks, 0.8 us each: with many keys a flood must not take the time of a tick."""
+"""Spent on strangers, 0.8 us each: with many keys a flood must not take the time of a tick."""
 PENDING_WITHOUT_COOKIE = 4
 """Handshakes granted and not yet confirmed, without a cookie; a peer has one under way."""
 MOST_PENDING = 16

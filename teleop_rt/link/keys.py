@@ -21,7 +21,7 @@ from teleop_rt.outputs import refuse_existing
 KEY_BYTES = 32
 """Of a pre-shared key: 256 bits, as ChaCha20 takes."""
 SHARED = "shared"
-"""The name of whoever holds the key without a name."""
+"""The name of the holder of the key without a name."""
 MOST_KEYS = 64
 """Operators of one slave: each key costs a hash for each Hello."""
 MOST_BYTES = 64 * 1024

@@ -39,7 +39,7 @@ def note_transit(statistics: Whole, transit_ns: int) -> None:
 
 @kernel
 def _smooth(mean_ns: int, value_ns: int) -> int:
-    """Return the mean moved towards a value; a negative mean is none yet."""
+    """Return the mean moved towards a value; a negative mean is not known yet."""
     return value_ns if mean_ns < 0 else mean_ns + (value_ns - mean_ns) // _SMOOTHING
 
 

@@ -25,7 +25,7 @@ REFERENCE_SHARE = 0.05
 CLEARANCE_SHARE = 0.005
 """How near to a wall a vanishing offset may bring the slave, as a share of the axis range."""
 FARTHEST_RANGES = 100.0
-"""A slave that claims to stand further away than so many axis ranges is not believed."""
+"""A state with a position further away than so many axis ranges is refused."""
 NOTICEABLE_SHARE = 0.02
 """The force, as a share of the largest, that a phantom wall must reach to be withdrawn."""
 

@@ -17,7 +17,7 @@ _ORDER = 2  # a parabola: its slope has no lag
 
 
 class OperatorError(ExpectedError):
-    """The operator cannot be had as configured; the message gives cause, place and next step."""
+    """The operator cannot be opened as configured; the message gives cause, place and next step."""
 
 
 class Recorded:

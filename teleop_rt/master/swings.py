@@ -37,7 +37,7 @@ class SwingWatch:
     """Finds swings that grow or do not decay, fed by energy of the port; one update a tick.
 
     `lasting` is how many in a row do not decay, `largest` the largest swing since it was
-    last set, whoever fed it.
+    last set, whatever its cause.
     """
 
     def __init__(self, period_s: float, device_damping: float) -> None:

@@ -56,7 +56,7 @@ def spring(law: DepthLaw, x: float) -> float:
 
 @shared
 def elastic(law: DepthLaw, x: float) -> float:
-    """Return the force of the spring, which outside is none, or that of a bilateral wall."""
+    """Return the force of the spring, 0 outside, or that of a bilateral wall."""
     if law.bilateral:
         return law.offset + law.k * x
     return spring(law, x) if touches(x) else 0.0

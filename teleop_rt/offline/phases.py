@@ -1,4 +1,4 @@
-"""The phases of a long command by name and time, for whoever watches it on standard error."""
+"""The phases of a long command by name and time, on standard error."""
 
 from __future__ import annotations
 

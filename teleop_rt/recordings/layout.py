@@ -148,7 +148,7 @@ def _options(
 ) -> str:
     """Return the options that name the columns of these roles, with those that may be meant.
 
-    A motor's current is none, but gives a force with the motor's constant.
+    A motor's current is not a force, but gives one with the motor's constant.
     """
     meant = {role: [name for name in table if may_be(name, role)] for role in roles}
     meant |= {role: [name] for role, (name, _) in foreign.items()}

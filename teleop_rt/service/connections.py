@@ -20,7 +20,7 @@ POLL_S = 0.002
 _CLIENT_TIMEOUT_S = 2.0
 """Time for a client to send its request: then its place is given to others."""
 MOST_CLIENTS = 200
-"""Below the usual limit of 1024 descriptors; beyond it one of whoever has most is dropped."""
+"""Below the usual limit of 1024 descriptors; beyond it one of the client with most is dropped."""
 _TURN_S = 0.002
 """Work on other requests before new ones are looked at: a stop waits no longer than this."""
 

@@ -168,7 +168,7 @@ def master_main(
 ) -> dict[str, Any]:
     """Run the master until a stop request; `folder` is the trial file's.
 
-    Raises LinkError where its port cannot be had, OperatorError where its operator cannot.
+    Raises LinkError where its port cannot be opened, OperatorError where its operator cannot.
     """
     from teleop_rt.trial.master_side import (  # noqa: PLC0415 - a slave does not load it
         MasterSide,

@@ -11,5 +11,5 @@ _UNWRAPPED = 1000
 
 
 def output() -> Console:
-    """Return standard output: wrapped to the width of a terminal, unwrapped where it is none."""
+    """Return standard output: wrapped to the width of a terminal, unwrapped elsewhere."""
     return Console(width=None if sys.stdout.isatty() else _UNWRAPPED)
