@@ -15,7 +15,7 @@ WORN = {
         "report, return, detect or distinguish",
     ),
     "what": (
-        r"\"\"\"Whats? ",
+        r"(?:\"\"\"|[.;] |\n *)(?-i:Whats?) ",
         "put the subject first: 'The values of a sample', not 'What a sample holds'",
     ),
     "borne bear": (r"\b(borne|bears?|bearing)[ _]out\b", "confirmed by"),
@@ -90,6 +90,8 @@ def worn(text):
             "Tell whether the residual is white.",
             "def test_it_is_told(): ...",
             '"""What a tick costs.',
+            "It is read. What follows is not.",
+            "it is read.\n    What follows is not",
         ),
         *(
             "a fit that noise bears out",

@@ -85,8 +85,8 @@ def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: b
     While bounded a share is kept as well that grows without a step from where the hand turned,
     to 1 - GIVEN_BACK in all: a latency that is longer than the device says makes up to that.
     The withheld part is computed on the way out, and only falls on the way in, over `RECOVERS_S`:
-    a force that is whole again at each turn is a step there, and a hand at rest chatters. What a
-    bounding withheld returns over `RETURNS_S` after its end.
+    a force that is whole again at each turn is a step there, and a hand at rest chatters. The
+    force withheld by a bounding returns over `RETURNS_S` after its end.
     """
     if not 0.0 < stored_J < math.inf:
         p.withheld = 0.0

@@ -58,12 +58,12 @@ def passive(t: Tick) -> float:
 
     The slave's end of the two-port with delay (Ryu, Artigas and Preusche 2010). The motion of the
     master is followed as far as the energy that the hand is known to have put in pays for it
-    (admittance controller). What was not followed is drift; it is taken back at `drift_speed`
-    wherever the energy suffices (Chawda, Ryu and O'Malley 2014).
+    (admittance controller). The motion that was not followed is drift; it is taken back at
+    `drift_speed` wherever the energy suffices (Chawda, Ryu and O'Malley 2014).
 
     Energy is that of the measured motion: the force lags behind a commanded one, and the two
-    together would be credited with energy that no environment gave. What is commanded and not
-    moved yet is owed as well. `energy_J` is what the environment has put in so far.
+    together would be credited with energy that no environment gave. A commanded motion that has
+    not happened yet is owed as well. `energy_J` is the environment's input so far.
     """
     moved = t.lead - t.heard
     t.heard = t.lead

@@ -17,8 +17,8 @@ LEAST_EXPONENT = 0.1
 def depth_of(t: Tick, force: float, velocity: float) -> float:
     """Return the depth at which the model in use reaches `force`; infinite while unknown.
 
-    What the damping takes at this velocity, when it goes deeper, is not left for the spring. An
-    effect beside the model counts with its largest slope up to where the model alone would be.
+    The damping force at this velocity, when it goes deeper, is subtracted from the spring's. An
+    effect beside the model counts with its largest slope up to the depth of the model alone.
     """
     if t.model == NO_MODEL or t.model_k <= 0.0 or t.model_n < LEAST_EXPONENT:
         return math.inf

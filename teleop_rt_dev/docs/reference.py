@@ -160,7 +160,7 @@ def faults_page() -> str:
     ]
     return (
         "# Fault codes\n\nGenerated from `teleop_rt/slave/faults.py`. The first fault is kept until"
-        " a reset, and a reset never restarts motion. What this is not: a certified safety"
+        " a reset, and a reset never restarts motion. This is not a certified safety"
         " function. Wire the emergency stop to the drive's STO.\n\n"
         + table(("code", "name", "cause", "what next"), rows)
     )

@@ -1,6 +1,6 @@
 """Simulated drives against bytes of their makers' documents: no codec of ours writes or reads one.
 
-What a document prints stands here as it prints it; the rest was worked out by hand from its tables.
+Examples of a document are copied as printed; the others were computed by hand from its tables.
 """
 
 from __future__ import annotations

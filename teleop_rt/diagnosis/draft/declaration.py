@@ -22,7 +22,7 @@ _PAGE = '''"""A law of the force that a recording asks for.
 Drafted from {recording}: no declared effect explains what the model leaves there. Give the effect
 a name, say in `sentence` what it is, and change what you know better; see docs/howto/effect.md.
 
-What the base leaves depends on: {shares}.
+The residual of the base depends on: {shares}.
 The law is the sum of {count}: {words}.
 Beyond {beyond:g} times the range seen it stays as it is there.
 """

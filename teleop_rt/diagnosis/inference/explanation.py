@@ -233,7 +233,7 @@ def _named_part(
     (`NAMED_SHARE`), and it explains four fifths of what they leave above the noise: no other law
     explains that much of the error of a law's form.
     The effect that explains most comes first: a damping tried before a friction would absorb its
-    share. Of two equal effects, the one within its bounds comes first. What a tone explains is no
+    share. Of two equal effects, the one within its bounds comes first. The energy of a tone is no
     part of the excess of which later effects take their shares: it grows with the recording.
     Another law of the same physics only corrects the first one and is not named. If the data do
     not support the name of an effect, the set with its special case is returned where that explains

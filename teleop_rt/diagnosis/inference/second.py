@@ -1,8 +1,8 @@
 """Evidence for a second effect, of any size, beside the errors of each law's form.
 
-No law is exact: a friction may depend on the depth, a relaxation may have more arms. What the form
-of a law misses is its own force times a smooth function of position, speed or time, or a delayed
-part of it. It has a free size, up to the largest of `_FORM_SIZES`, and its coefficients are
+No law is exact: a friction may depend on the depth, a relaxation may have more arms. The error of a
+law's form is its own force times a smooth function of position, speed or time, or a delayed part of
+it. It has a free size, up to the largest of `_FORM_SIZES`, and its coefficients are
 integrated out (a discrepancy of Kennedy and O'Hagan 2001, in the directions of the law). A second
 effect is needed if it is likelier than all these.
 """

@@ -79,7 +79,7 @@ def _with_settled_noise(
 def _looks_red(problem: Problem, fast: Problem) -> bool:
     """Return whether the noise is far above the level of its fastest part.
 
-    What the encoder's errors make of it is known, and holds no effect.
+    The part caused by the encoder's errors is known, and holds no effect.
     """
     whole, quick = problem.whitener, fast.whitener.density
     unknown = np.maximum(whole.density - whole.known, 0.0)

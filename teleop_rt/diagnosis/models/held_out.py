@@ -106,7 +106,7 @@ def cross_predict(problem: Problem, fit: Fit) -> Vector:
     """Return the force predicted for each block by parameters fitted without it.
 
     Blocks are interleaved, so each fold sees the beginning as well as the end. The model runs
-    through the whole motion; only the force of the block is hidden from the fit. What came before
+    through the whole motion; only the force of the block is hidden from the fit. The motion before
     the recording is part of its data, and is estimated from the whole of it.
     """
     motion = problem.motion

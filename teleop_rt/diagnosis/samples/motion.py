@@ -84,8 +84,8 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
     """Return position, velocity and acceleration by a local polynomial of order 5, twiced.
 
     Of one row of samples, or of several at once, which saves most of the time at the edges.
-    Zero-phase (Savitzky and Golay). What the polynomial loses of a tone (0.3 % of the acceleration
-    at 10 Hz and a window of 41 ms) is seen by smoothing its own result once more, and given back
+    Zero-phase (Savitzky and Golay). The polynomial's loss of a tone (0.3 % of the acceleration at
+    10 Hz and a window of 41 ms) is measured by smoothing its own result once more, and added again
     (Tukey's twicing): then it is 1e-5.
     """
 

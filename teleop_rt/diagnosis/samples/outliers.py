@@ -27,8 +27,8 @@ def _off_neighbours(row: Vector, length: int) -> tuple[Vector, Vector, Vector]:
 
     The nearest sample's distance from the neighbours' median, the range of the three of these that
     agree best (the fourth may be wrong itself), and the nearest sample's distance beyond all four,
-    which at a corner of the row is none. What the row's slope does over the samples is taken off
-    the first two. At the ends the row goes round.
+    which at a corner of the row is none. The change by the row's slope is subtracted from the first
+    two. At the ends the row goes round.
     """
     places = np.array([-2, -1, length, length + 1])
     around = np.array([np.roll(row, -place) for place in places])

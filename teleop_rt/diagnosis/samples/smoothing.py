@@ -163,9 +163,9 @@ def lost_motion(
 def too_quick(position: Vector, dt: float, half: int) -> Vector:
     """Return 1 where the window reaches a motion that is quicker than it, for a moment.
 
-    Half the window finds another velocity there, beyond the encoder noise. What a window removes
-    all along is noise (see `lost_motion`); a tool that a limiter throws back is no noise. Where
-    such moments take more than `_LARGEST_QUICK_SHARE` of the time they are the motion itself: all
+    Half the window finds another velocity there, beyond the encoder noise. A motion that a
+    window removes all along is noise (see `lost_motion`); a tool that a limiter throws back is not.
+    Where such moments take more than `_LARGEST_QUICK_SHARE` of the time they are the motion: all
     samples are 0 then.
     """
     none, near = np.zeros(position.size), max(3, half // 2)

@@ -1,7 +1,7 @@
 """Steps of the motion: velocity that jumps between two samples, and the band that they leave.
 
 A drive that follows a jittering link moves between two samples in a way that the samples do not
-show. What they do not show lies at high frequency. Below `band_hz` the samples determine the
+show. This hidden motion lies at high frequency. Below `band_hz` the samples determine the
 velocity, so there a model is judged: position and force pass the same low-pass.
 """
 
