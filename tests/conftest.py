@@ -9,10 +9,12 @@ from importlib.metadata import entry_points
 # As the program does: threads of linear algebra on cores that are busy wait for each other.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import numpy as np
 import pytest
 from browser import headless_chromium
 from hypothesis import settings
 from lean_install import without_pages
+from numba.np import numpy_support
 
 from teleop_rt.cli import main
 from teleop_rt.config.yaml_file import ConfigLoader
@@ -124,6 +126,24 @@ def each_path_is_searched_for_effects_once():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(user, "entry_points", lambda group: found(tuple(sys.path), group))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def each_record_has_its_type_made_once():
+    """Make numba's type of the same records once: each slave and master binds kernels to twenty."""
+    make = numpy_support.from_dtype
+
+    @functools.cache
+    def made(dtype, _is_aligned, _scalar):  # neither of which two equal dtypes must share
+        return make(dtype)
+
+    def from_dtype(given):  # also a scalar's class
+        dtype = np.dtype(given)
+        return made(dtype, dtype.isalignedstruct, dtype.type)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numpy_support, "from_dtype", from_dtype)
         yield
 
 
