@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Signal = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_DISTINCT = 0.05
+_LEAD = 0.05
 """By how much a correlation peak must stand above any other to be the one."""
 
 
@@ -56,13 +56,13 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
 
 
 def _rivalled(correlation: Signal, peak: int) -> bool:
-    """Return whether another local maximum comes within _DISTINCT of the one at `peak`."""
+    """Return whether another local maximum comes within _LEAD of the one at `peak`."""
     inner = correlation[1:-1]
     with np.errstate(invalid="ignore"):
         maxima = 1 + np.flatnonzero((inner > correlation[:-2]) & (inner >= correlation[2:]))
-    rivals = maxima[(maxima != peak) & (correlation[maxima] > correlation[peak] - _DISTINCT)]
+    rivals = maxima[(maxima != peak) & (correlation[maxima] > correlation[peak] - _LEAD)]
     between = (correlation[min(rival, peak) : max(rival, peak) + 1] for rival in rivals)
-    return any(float(np.nanmin(valley)) < correlation[peak] - 2 * _DISTINCT for valley in between)
+    return any(float(np.nanmin(valley)) < correlation[peak] - 2 * _LEAD for valley in between)
 
 
 def _correlation_by_lag(reference: Signal, delayed: Signal, most: int) -> Signal:

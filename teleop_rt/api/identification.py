@@ -20,7 +20,7 @@ from teleop_rt.recordings.recording import Recording
 from teleop_rt.trial.folder import recording_of
 
 Names = str | Sequence[str] | None
-_SHOWN = 6
+_ESTIMATORS_SHOWN = 6
 """Estimators that `repr` names."""
 
 
@@ -124,7 +124,7 @@ class Identification:
         rows = [
             ("★" if one is self.selected else "", one.model, one.regression, one.solver,
              one.status, named(one.parameters), _share(one.nrmse))
-            for one in ordered[:_SHOWN]
+            for one in ordered[:_ESTIMATORS_SHOWN]
         ]  # fmt: skip
         caption = f"{self.name}: the best {len(rows)} of {len(ordered)} estimates"
         caption += f"; {self.note}" if self.note else ""

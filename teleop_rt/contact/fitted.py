@@ -11,7 +11,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.errors import ExpectedError
 
-_KICK = 1e-3
+_PROBE = 1e-3
 """A small displacement, as a share of the depth, for numerical slopes."""
 _REST_STEPS = 20
 """Steps at one depth after which a state counts as at rest; `_REST_S` [s] is each."""
@@ -108,7 +108,7 @@ def slopes(effect: Effect, eta: Vector, depth: float, speed: float) -> tuple[flo
     The internal springs of an effect with memory count as stiffness: its response to a quick and
     small displacement.
     """
-    kick = _KICK * depth
+    kick = _PROBE * depth
     if effect.state_size:
         state = np.zeros(effect.state_size)
         value = 0.0
@@ -130,6 +130,6 @@ def slopes(effect: Effect, eta: Vector, depth: float, speed: float) -> tuple[flo
     for v in (-speed, 0.0, speed):
         change = value_at(depth + kick, v) - value_at(depth - kick, v)
         stiffness = max(stiffness, abs(change) / (2.0 * kick))
-        by_speed = value_at(depth, v + _KICK * speed) - value_at(depth, v - _KICK * speed)
-        damping = max(damping, abs(by_speed) / (2.0 * _KICK * speed))
+        by_speed = value_at(depth, v + _PROBE * speed) - value_at(depth, v - _PROBE * speed)
+        damping = max(damping, abs(by_speed) / (2.0 * _PROBE * speed))
     return stiffness, damping

@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.recordings.recording import Recording
 
-_WORSE = 2.0
+_DROP_RATIO = 2.0
 """Ratio of a set's error on the other recording to the best one's, from which it is dropped."""
 _LATER_S = 1.0
 """By how much a motion is moved in time to find effects that depend on the time itself."""
@@ -57,7 +57,7 @@ def carried_over(one: Diagnosed, other: Diagnosed, sets: list[list[str]]) -> lis
     for here, there in ((one, other), (other, one)):
         errors = np.array([_error(here, there.recording, names) for names in timeless])
         worst = np.maximum(worst, errors / np.min(errors))
-    gone = [names for names, ratio in zip(timeless, worst, strict=True) if ratio > _WORSE]
+    gone = [names for names, ratio in zip(timeless, worst, strict=True) if ratio > _DROP_RATIO]
     return [names for names in sets if names not in gone]
 
 

@@ -15,7 +15,7 @@ _SIGNALS = ("stamp_ns", "filtered_force", "predicted_force")
 _FAST_S = 0.1
 """Window [s] in which a hand, of some 5 Hz at most, changes a force smoothly; what is left beside
 the mean of that window is noise, or the transient of a touch."""
-_MOST = 0.5
+_CAUSE_SHARE = 0.5
 """Share of an error's growth, in energy, from which one cause is said."""
 _Row = NDArray[np.float64]
 
@@ -66,9 +66,9 @@ def cause_of_error(before: Path, after: Path, unit: str) -> str | None:
     early, late = (
         a**2 - b**2 for a, b in ((found.first, without.first), (found.second, without.second))
     )
-    if early > _MOST * (early + max(late, 0.0)):
+    if early > _CAUSE_SHARE * (early + max(late, 0.0)):
         return f"more of it comes from the time in which the parameters settle: {figures}"
-    if found.noise**2 - without.noise**2 > _MOST * late:
+    if found.noise**2 - without.noise**2 > _CAUSE_SHARE * late:
         return f"the compensation adds noise: {figures}"
     return f"it stays when the parameters have settled, and is slow: {figures}"
 

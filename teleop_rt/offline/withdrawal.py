@@ -8,7 +8,7 @@ from typing import Any
 
 WITHDRAWN = "withdrawn.yaml"
 _ON_LINE = "force predicted on-line"
-_WORSE = 1.1
+_RUN_TO_RUN_FACTOR = 1.1
 """Factor by which an error may differ between two runs of one model."""
 
 
@@ -53,6 +53,6 @@ def made_worse(fresh: Mapping[str, Any]) -> list[str]:
             continue
         if after is None:
             found.append(f"{words}, {before:.4f} before, is unknown after")
-        elif after > max(_WORSE * before, floor):
+        elif after > max(_RUN_TO_RUN_FACTOR * before, floor):
             found.append(f"{words}, {before:.4f} before, is {after:.4f} after")
     return found

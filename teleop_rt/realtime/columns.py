@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from teleop_rt.realtime.row_kernel import RowReader
 
 Rows = NDArray[np.float64]
-_BLOCK = 2048
+_BLOCK_ROWS = 2048
 """Rows collected before they become an array."""
-_MANY = 200_000
+_ROWS_FOR_KERNEL = 200_000
 """Rows beyond which a kernel pays that reads one in a fourth of the time, but loads for 0.5 s."""
 _BYTES = 8
 """Of a number."""
@@ -59,7 +59,7 @@ class TopicColumns:
         self._count += len(places)
         begin, end, _ = places[-1].tolist()
         self._last = data[begin:end]
-        if len(self._waiting) >= _BLOCK:
+        if len(self._waiting) >= _BLOCK_ROWS:
             self._pack()
         while self._most is not None and self._held + len(self._waiting) > self._most:
             self._thin()
@@ -100,7 +100,7 @@ class TopicColumns:
         if self._names and self._names[-1] != names[-1]:
             following = names[names.index(self._names[-1]) + 1]
             self._after = f",{json.dumps(following)}:".encode()
-        if self._names and self._expected > _MANY:
+        if self._names and self._expected > _ROWS_FOR_KERNEL:
             from teleop_rt.realtime.row_kernel import RowReader  # noqa: PLC0415 - needs the compiler
 
             self._reader = RowReader(names, self._names)

@@ -28,7 +28,7 @@ from teleop_rt.recordings.units import are_units
 _LONGEST_PREAMBLE = 200  # lines; instruments write a screenful or two of settings at most
 _LONGEST_LINE = 1 << 16
 """Characters that are read in search of the end of a line."""
-_ALIKE = 5  # lines with numbers in the same columns: settings in a preamble come in fewer
+_ROWS_ALIKE = 5  # lines with numbers in the same columns: settings in a preamble come in fewer
 _NUMBER_BYTES = 8
 """Of a number as it is held, whatever it takes in its file."""
 _PIECE = 1 << 20
@@ -36,7 +36,7 @@ _PIECE = 1 << 20
 _DELIMITERS = ("\t", ";", None, ",")
 """In the order in which they are tried; None: runs of blanks. A comma may also mark decimals."""
 _COMMENT = "#"
-_SHOWN = 40  # characters of a cell in a message
+_CELL_SHOWN = 40  # characters of a cell in a message
 _HINT = "; if commas mark the decimals, separate the columns by semicolons"
 _DECIMAL = re.compile(r"[-+]?\d*[.,]\d+(e[-+]?\d+)?", re.IGNORECASE)
 _GROUPED = re.compile(r"[-+]?\d{1,3}((\.\d{3})+,|(,\d{3})+\.)\d+")
@@ -115,14 +115,14 @@ def _located(path: Path, encoding: str) -> _Text:
     """Find the lines of numbers and the names above them."""
     with path.open(encoding=encoding) as stream:
         begun = iter(lambda: stream.readline(_LONGEST_LINE), "")
-        lines = [line.rstrip("\r\n") for line in islice(begun, _LONGEST_PREAMBLE + _ALIKE)]
+        lines = [line.rstrip("\r\n") for line in islice(begun, _LONGEST_PREAMBLE + _ROWS_ALIKE)]
     filled = [i for i, line in enumerate(lines) if line.strip() and not _RULE.fullmatch(line)]
     if not filled:
         raise ValueError("the file is empty")
     rows = [i for i in filled if not lines[i].lstrip().startswith(_COMMENT)]
     for place, first in enumerate(rows):
         for delimiter in _DELIMITERS:
-            table = [_cells(lines[i], delimiter) for i in rows[place : place + _ALIKE]]
+            table = [_cells(lines[i], delimiter) for i in rows[place : place + _ROWS_ALIKE]]
             _refuse_grouped(table, first)
             if _are_numbers(table):
                 columns = len(table[0])
@@ -139,7 +139,7 @@ def _located(path: Path, encoding: str) -> _Text:
     if len(rows) < 2:
         raise ValueError("no data")
     _refuse_units_in_cells(lines[rows[-1]], rows[-1])
-    last = f"line {rows[-1] + 1}: {lines[rows[-1]].strip()[:_SHOWN]!r}"
+    last = f"line {rows[-1] + 1}: {lines[rows[-1]].strip()[:_CELL_SHOWN]!r}"
     raise ValueError(f"no lines of numbers below each other found ({last})")
 
 
@@ -243,7 +243,7 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
             for name, cell in zip(text.names, cells, strict=True):
                 numbers.append(number_of(cell))
                 if cell and not is_number(cell):
-                    texts.append((number, name, cell[:_SHOWN]))
+                    texts.append((number, name, cell[:_CELL_SHOWN]))
                 elif _DECIMAL.fullmatch(cell):
                     marks.add("," in cell)
             if len(marks) > 1:

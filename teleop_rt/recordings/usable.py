@@ -14,7 +14,7 @@ from teleop_rt.recordings.rows import lone
 from teleop_rt.recordings.units import factor_of
 
 MIN_SAMPLES = 300  # fewer cannot separate noise and effect
-_ROUNDED = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
+_PERIOD_ROUNDING = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
 _SHORTEST_S = 0.2  # s: ten of the windows of 20 ms in which velocities are found
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
 """An even grid has at most so many points for each sample, and so many more: gaps are few."""
@@ -84,7 +84,7 @@ def period_of(name: str, t: Vector, slowest_hz: float) -> float:
             f"{name}: time jumps by {steps[place]:.3g} s after sample {place + 1}, and samples are"
             f" {dt:.3g} s apart: cut the recording there"
         )
-    if dt > _ROUNDED / slowest_hz:
+    if dt > _PERIOD_ROUNDING / slowest_hz:
         fitting = (unit for unit in ("ms", "us") if factor_of("time", unit) * dt < 1.0 / slowest_hz)
         unit = next(fitting, "ns")
         raise RecordingError(

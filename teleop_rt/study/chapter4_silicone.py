@@ -48,7 +48,7 @@ SETTLED_AFTER_S = 1.5
 """Time in contact from which errors count."""
 _POINTS = 400  # per curve
 _WINDOW_S = 0.7  # two periods at 3 Hz
-_SLOW = 0.2  # of the speed: below it the motion turns over
+_SLOW_SHARE = 0.2  # of the speed: below it the motion turns over
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ def _turning(
     speed = np.abs(trace.signals[:, 4])
     if not np.any(settled):
         return None
-    slow = speed < _SLOW * float(np.quantile(speed[settled], 0.99))
+    slow = speed < _SLOW_SHARE * float(np.quantile(speed[settled], 0.99))
     rms = partial(_rms, error)
     turning, elsewhere = rms(settled & slow), rms(settled & ~slow)
     return turning / elsewhere if elsewhere > 0.0 else None

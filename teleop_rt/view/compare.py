@@ -19,7 +19,7 @@ from teleop_rt.view.run_times import UNKNOWN, seconds, span, window
 from teleop_rt.view.style import COLOURS, DASHES, method_name, model_name, number, printed
 
 Array = NDArray[np.float64]
-_SAME = 1e-3  # relative; figures closer together than this are called the same
+_SAME_SHARE = 1e-3  # relative; figures closer together than this are called the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ def _against(own: _Raw, first: _Raw | None) -> Figure:
     if first is None or first is own or own.value is None or first.value is None:
         return Figure(own.text, sort, own.grade)
     a, b = first.value, own.value
-    same = abs(b - a) <= _SAME * max(abs(a), abs(b))
+    same = abs(b - a) <= _SAME_SHARE * max(abs(a), abs(b))
     better = None if same or not own.less_is_better else abs(b) < abs(a)
     change = "" if not own.ratio or not a else "same" if same else _percent(b / a)
     return Figure(own.text, sort, own.grade, change, better)

@@ -9,7 +9,7 @@ from teleop_rt.config.section import Units
 from teleop_rt.view.quantities import small_position, stiffness_units
 from teleop_rt.view.style import number
 
-_MOST = 200
+_MOST_LINES = 200
 """Lines of a page's table."""
 
 
@@ -44,7 +44,7 @@ def event_rows(
             "event": kind,
             "text": text,
         }
-        for seconds, kind, text in rows[:_MOST]
+        for seconds, kind, text in rows[:_MOST_LINES]
     ]
 
 

@@ -16,8 +16,8 @@ LAGS = 20
 """Lags of the autocorrelation in the test for whiteness."""
 ADEQUATE, INADEQUATE = "model adequate", "model inadequate"
 _MISSING = "; an effect is missing: run teleop-rt diagnose"
-_LEAST = 4 * LAGS  # samples, below which the test is not made
-_SURE = 1e-3  # p-value: of 1000 white residuals one is called correlated
+_LEAST_SAMPLES = 4 * LAGS  # samples, below which the test is not made
+_WHITE_P_VALUE = 1e-3  # p-value: of 1000 white residuals one is called correlated
 NOTABLE = 2.0  # times the noise; up to this a residual without a test on-line counts as explained
 
 
@@ -38,7 +38,7 @@ class Whiteness:
     @property
     def white(self) -> bool:
         """True where the correlation is no more than chance."""
-        return self.p_value >= _SURE
+        return self.p_value >= _WHITE_P_VALUE
 
 
 def whiteness(residual: Array, period_s: float, cutoff_hz: float) -> Whiteness | None:
@@ -50,7 +50,7 @@ def whiteness(residual: Array, period_s: float, cutoff_hz: float) -> Whiteness |
     step = max(1, math.ceil(1.0 / (cutoff_hz * period_s)))
     known = residual[np.isfinite(residual)]
     thin = known[::step]
-    if thin.size < _LEAST:
+    if thin.size < _LEAST_SAMPLES:
         return None
     rms = float(np.sqrt(np.mean(known**2)))
     centred = thin - np.mean(thin)

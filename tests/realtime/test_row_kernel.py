@@ -52,7 +52,7 @@ def laid_out(rows: list[bytes]) -> tuple[bytes, np.ndarray]:
 
 def columns_of(rows: list[bytes], wanted: list[str] | None, *, kernel: bool) -> dict[str, bytes]:
     """The columns of rows in blocks of 7, as bytes: -0 and 0 are two numbers."""
-    found = TopicColumns(wanted, None, columns_module._MANY + 1 if kernel else 0, ROOM)
+    found = TopicColumns(wanted, None, columns_module._ROWS_FOR_KERNEL + 1 if kernel else 0, ROOM)
     for begin in range(0, len(rows), 7):
         found.take(*laid_out(rows[begin : begin + 7]))
     assert (found._reader is not None) == kernel  # which way was taken shows nowhere else
@@ -69,7 +69,7 @@ def test_a_kernel_reads_the_same_numbers_to_the_last_bit(wanted):
 @pytest.mark.parametrize("kernel", [True, False])
 def test_whoever_keeps_a_column_keeps_no_other_in_memory(kernel):
     rows = [text_of([str(number)] * len(NAMES)) for number in range(50)]
-    found = TopicColumns(None, None, columns_module._MANY + 1 if kernel else 0, 0)
+    found = TopicColumns(None, None, columns_module._ROWS_FOR_KERNEL + 1 if kernel else 0, 0)
     found.take(*laid_out(rows))
     for column in found.whole().values():
         assert column.base.size == column.size == 50

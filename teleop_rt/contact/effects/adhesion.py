@@ -73,17 +73,17 @@ def _sticking_withdrawal(
     return float(-state[0] * exp(-abs(x) / eta[0]))
 
 
-_SHORTEST = 5e-3  # of the travel; also the range of a pull that shows nowhere
+_SHORTEST_RANGE_SHARE = 5e-3  # of the travel; also the range of a pull that shows nowhere
 _RANGE = Shape(
     "range",
     "{x}",
-    _SHORTEST,
+    _SHORTEST_RANGE_SHARE,
     0.5,
     0.05,
     logarithmic=True,
     relative_to="travel",
     points=8,
-    neutral=_SHORTEST,
+    neutral=_SHORTEST_RANGE_SHARE,
 )
 """Of a pull that is nowhere seen beyond the surface one does not know that it is a pull."""
 

@@ -21,7 +21,7 @@ from teleop_rt.view.residual import Whiteness
 from teleop_rt.view.style import method_name, model_name
 
 Array = NDArray[np.float64]
-_SLOWLY = 5
+_FRAMES_PER_TURN = 5
 """Residual, parameters and words change in every fifth frame: nobody reads them faster."""
 _PARAMETERS_TURN, _WORDS_TURN, _RESIDUAL_TURN = 0, 2, 4
 """Contents of each of five frames: all in one would delay the curves, which move in each."""
@@ -31,7 +31,7 @@ _ESTIMATE = "estimate "
 """Name of the source of an estimator's parameters, before the number of its row."""
 _LEAST_MM = 1.0
 """Least height of the position's axis, so that noise at rest does not fill it."""
-_WIDEST = 0.1
+_WIDEST_BAND_SHARE = 0.1
 """Edges of a band wider than this share of its value do not stretch the axis: how the value moves
 would be hidden. The band itself is always drawn whole."""
 
@@ -62,7 +62,7 @@ class Frames:
 
     def next(self, note: str = "") -> str:
         """Return the changes since the last call; `note` is a message to every browser."""
-        turn = self._count % _SLOWLY
+        turn = self._count % _FRAMES_PER_TURN
         self._count += 1
         sources: dict[str, Any] = {}
         self._take_new(_FAST, sources)
@@ -222,7 +222,7 @@ def _bands(rows: Columns, names: list[str]) -> dict[str, Array]:
         known = place < len(names)
         values = np.where(unknown, np.nan, rows[names[place]]) if known else nothing
         spread = rows[f"{names[place]}_std"] if known else nothing
-        edge = np.where(spread > _WIDEST * np.abs(values), np.nan, spread)
+        edge = np.where(spread > _WIDEST_BAND_SHARE * np.abs(values), np.nan, spread)
         columns[f"p{place}"] = values
         columns[f"low{place}"], columns[f"high{place}"] = values - 2 * spread, values + 2 * spread
         columns[f"low_edge{place}"] = values - 2 * edge
