@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_rt.kernels.lean_numba import binding, numba
 
@@ -242,15 +241,15 @@ def _compiled(function: Callable[P, R], *, cached: bool, **options: Any) -> Call
 
 
 def bound(
-    function: Callable[..., R], arrays: tuple[NDArray[Any], ...], *example: object
+    function: Callable[..., R], arrays: tuple[Any, ...], *example: object
 ) -> Callable[..., R]:
     """Return a kernel bound to its first arguments, compiled for further ones like the example's.
 
     A kernel that Python calls finds the types of its arguments out each time, which takes longer
     than many a step within a tick. Code that is called without that reads an array of other
-    dimensions beyond its end, so all arrays are bound here, where their types are taken. The
-    arguments of each call are checked by type alone: numbers, flags and bytes. Raises TypeError
-    for an array in the example.
+    dimensions beyond its end, so all arrays are bound here, alone or in named tuples, where their
+    types are taken; None replaces those of an optional part. The arguments of each call are
+    checked by type alone: numbers, flags and bytes. Raises TypeError for an array in the example.
     """
     if any(isinstance(one, np.ndarray) for one in example):
         raise TypeError("a kernel's arrays are bound, they do not come with each call")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import time
+from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import can
 
 from teleop_rt_drivers.can_frames import ERROR, EXTENDED, REMOTE, reader_of, sender_of
+from teleop_rt_drivers.simulated.answer import LONGEST_WAIT_NS
+from teleop_rt_drivers.simulated.answering import Answering
 from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
 from teleop_rt_drivers.simulated.drive import ServoDrive
 from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, break_drive, mend_bus
@@ -22,8 +24,6 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.plant import Plant
 
 NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600
-LONGEST_WAIT_NS = 50_000_000
-"""A longer apparent wait of a frame means that the wall clock was set."""
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
@@ -73,6 +73,17 @@ class CanopenNetwork:
             self.devices["drive"] = self.drive = ServoDrive(axis.drive, send, plant)
         self._by_node = {device.node_id: device for device in self.devices.values()}
         self._nodes = tuple(self._by_node.values())
+        self._answering = Answering(
+            bus,
+            plant,
+            self._wire,
+            self._nodes,
+            self.drive,
+            now_ns,
+            latched,
+            sync_id=self._sync_cob_id,
+            heartbeat_id=HEARTBEAT + axis.daemon.node_id,
+        )
 
     def power_on(self) -> None:
         """Boot every device."""
@@ -81,6 +92,7 @@ class CanopenNetwork:
 
     def inject(self, fault: str, device: str) -> bool:
         """Inject a fault by name; false where this network knows no such fault."""
+        self._answering.hand_back()
         node = self.devices[device]
         if fault == "reset":
             node.boot()
@@ -100,6 +112,7 @@ class CanopenNetwork:
 
     def heal(self, device: str) -> None:
         """End the device's lasting fault, or give all of them their power back."""
+        self._answering.hand_back()
         self._wire.heal(self.devices[device].node_id)
         if self._cut:
             self._cut = self._wire.off = False
@@ -124,10 +137,14 @@ class CanopenNetwork:
 
     def serve_once(self) -> None:
         """Handle the frames that wait, as of when the kernel received each."""
-        frames = self._waiting_frames(AT_ONCE)  # what comes meanwhile, or is more, is for the next
+        frames = self._answering.left()
+        if frames is None:
+            self._answering.hand_back()
+            frames = self._waiting_frames(AT_ONCE)  # what comes meanwhile, or is more, is for later
         for can_id, data, sent_ns in frames:
-            age_ns = time.monotonic_ns() - sent_ns if sent_ns else 0
-            stamp_ns = self._now_ns() - min(max(0, age_ns), LONGEST_WAIT_NS)
+            now_ns = self._now_ns()  # as frames are stamped where devices are served
+            age_ns = now_ns - sent_ns if sent_ns else 0
+            stamp_ns = now_ns - min(max(0, age_ns), LONGEST_WAIT_NS)
             self._handle(can_id, bytes(data), stamp_ns)
         now_ns = self._now_ns()
         if now_ns - self._timed_ns >= TIMERS_APART_NS:
@@ -139,6 +156,10 @@ class CanopenNetwork:
 
     def descriptors(self) -> list[int]:
         """Return what becomes readable when there is something to do."""
+        return self._descriptors
+
+    @cached_property
+    def _descriptors(self) -> list[int]:
         return [self._bus.fileno()]
 
     def close(self) -> None:
@@ -205,4 +226,5 @@ class CanopenNetwork:
     def _run_timers(self, now_ns: int) -> None:
         self._timed_ns = now_ns
         for device in self._nodes:
-            device.run_timers(now_ns)
+            if now_ns >= device.quiet_until_ns:
+                device.run_timers(now_ns)

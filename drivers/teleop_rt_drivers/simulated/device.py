@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen.sdo.server import SdoServer
 
+from teleop_rt_drivers.simulated.answer import signed
 from teleop_rt_drivers.simulated.dictionary import EVENT_DRIVEN, ObjectStore
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.dictionary import Live, Pdo, Raw
 
     Send = Callable[[int, bytes], None]
+    Measured = tuple[int, float, float]
 
 
 class Nmt(IntEnum):
@@ -54,7 +56,9 @@ class Node(ObjectStore):
     """A node of the simulated network.
 
     Derived devices add `commanded` (at SYNC, when RPDO values are stored), `left_operational`
-    and `lost_consumer`.
+    and `lost_consumer`. `measured` says which objects change by themselves, as the kernel
+    `answer.measured` takes them, or None for those that it does not know. `changed` is set where
+    something beside process data has come about; `Answering` looks at it, and takes it back.
     """
 
     def __init__(self, name: str, node_id: int, eds: str, send: Send, live: Live) -> None:
@@ -62,9 +66,11 @@ class Node(ObjectStore):
         self.name = name
         self.node_id = node_id
         self.state = Nmt.INITIALISING
+        self.measured: dict[tuple[int, int], Measured | None] = {}
+        self.changed = True
         self._send = send
         self._server = _Server(self, send)
-        self._received: list[tuple[Pdo, bytes]] = []
+        self.received: list[tuple[Pdo, bytes]] = []
         self._syncs = 0
         self._heartbeat_due_ns = 0
         self._heartbeat_period_ns = 0
@@ -73,7 +79,7 @@ class Node(ObjectStore):
         self._watch_timeout_ns = 0
         self._toggle = 0
         self._life_ns = 0
-        self._quiet_until_ns = 0
+        self.quiet_until_ns = 0
         self._commanded_ns = 0
         self._event_due_ns: dict[int, int] = {}
         self._saved: dict[tuple[int, int], Raw] = {}
@@ -86,7 +92,8 @@ class Node(ObjectStore):
             self._saved = {}
         if index in (0x1016, 0x1017, 0x100C, 0x100D):
             self._compile_watch()
-        self._quiet_until_ns = 0
+        self.quiet_until_ns = 0
+        self.changed = True
 
     def receive_pdo(self, cob_id: int, data: bytes) -> None:
         """Keep a synchronous RPDO for the next SYNC; act on one of type 254 or 255 at once.
@@ -102,27 +109,64 @@ class Node(ObjectStore):
         if len(data) > pdo.struct.size:
             self.emergency(0x8220)
         self._commanded_ns = -1
-        self._received.append((pdo, data[: pdo.struct.size]))
+        self.changed = True
+        self.received.append((pdo, data[: pdo.struct.size]))
         if pdo.every in EVENT_DRIVEN:
             self._take_commands()
 
     def _take_commands(self) -> None:
         """Store what was received, and act on it."""
-        for pdo, data in self._received:
+        self.changed = True
+        for pdo, data in self.received:
             self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))
-        self._received.clear()
+        self.received.clear()
         self.commanded()
 
     def sync(self) -> None:
         """Act on the RPDOs received, then send the TPDOs that this SYNC triggers."""
         if self.state is not Nmt.OPERATIONAL:
             return
-        if self._received:
+        if self.received:
             self._take_commands()
         self._syncs += 1
-        for pdo in self._tpdos:
+        for pdo in self.tpdos:
             if self._syncs % pdo.every == 0:
                 self._send(pdo.cob_id, pdo.struct.pack(*[read() for read in pdo.readers]))
+
+    # What a kernel does in its place (`answering.py`).
+
+    @property
+    def is_usual(self) -> bool:
+        """Return whether each SYNC triggers all that it sends, and a kernel knows it all."""
+        if self.state is not Nmt.OPERATIONAL or self._events or self.deadline_ns:
+            return False
+        return all(
+            pdo.every == 1 and all(self.measured.get(key, ()) is not None for key in pdo.keys)
+            for pdo in self.tpdos
+        )
+
+    def objects(self) -> list[tuple[Pdo, int, list[tuple[int, int, Measured]]]]:
+        """Return each TPDO, the number that its bytes are without what is measured, and that.
+
+        Each measured object comes with its lowest bit and the mask of its bits there.
+        """
+        return [(pdo, *self._parts(pdo)) for pdo in self.tpdos]
+
+    def _parts(self, pdo: Pdo) -> tuple[int, list[tuple[int, int, Measured]]]:
+        number, at = 0, 0
+        measured = []
+        for key, form, read in zip(pdo.keys, pdo.formats, pdo.readers, strict=True):
+            bits = 8 * struct.calcsize(f"<{form}")
+            if (found := self.measured.get(key)) is None:
+                number |= int.from_bytes(struct.pack(f"<{form}", read()), "little") << at
+            else:
+                measured.append((at, (1 << bits) - 1, found))
+            at += bits
+        return signed(number, 64), measured
+
+    def skip(self, syncs: int) -> None:
+        """Count the SYNCs that were answered in its place."""
+        self._syncs += syncs
 
     def commanded(self) -> None:
         """Act on commands that have just been stored; the base device has none."""
@@ -147,12 +191,13 @@ class Node(ObjectStore):
 
     def boot(self, *, whole: bool = True) -> None:
         """Start with power-on values, all or those of communication only, and say so."""
+        self.changed = True
         self._enter(Nmt.INITIALISING)
         kept = {} if whole else {k: v for k, v in self._stored.items() if k[0] >= 0x2000}
         self._stored = self._saved | kept
         self._event_due_ns.clear()
         self._commanded_ns = 0
-        self._received.clear()
+        self.received.clear()
         self._heard_ns = self._guarded_ns = 0
         self._toggle = 0
         self._heartbeat_due_ns = 0
@@ -163,8 +208,9 @@ class Node(ObjectStore):
 
     def _enter(self, state: Nmt) -> None:
         previous, self.state = self.state, state
+        self.changed = True
         if previous is Nmt.OPERATIONAL and state is not Nmt.OPERATIONAL:
-            self._received.clear()
+            self.received.clear()
             self.left_operational()
 
     def left_operational(self) -> None:
@@ -172,7 +218,7 @@ class Node(ObjectStore):
 
     def _compile_watch(self) -> None:
         """Take over the heartbeat times of the dictionary."""
-        self._quiet_until_ns = 0
+        self.quiet_until_ns = 0
         heartbeat_ms = self.value(0x1017) if 0x1017 in self.object_dictionary else 0
         self._heartbeat_period_ns = heartbeat_ms * 1_000_000
         guarded = 0x100C in self.object_dictionary
@@ -188,17 +234,15 @@ class Node(ObjectStore):
             return
         self._send(0x700 + self.node_id, bytes((self._toggle << 7 | self.state,)))
         self._toggle ^= 1
-        self._guarded_ns, self._quiet_until_ns = now_ns, 0
+        self._guarded_ns, self.quiet_until_ns = now_ns, 0
 
     def receive_heartbeat(self, node_id: int, now_ns: int) -> None:
         """Note a heartbeat of the node that is watched (1016h); the watch starts with it."""
         if node_id == self._watched_node:
-            self._heard_ns, self._quiet_until_ns = now_ns, 0
+            self._heard_ns, self.quiet_until_ns = now_ns, 0
 
     def run_timers(self, now_ns: int) -> None:
         """Send the heartbeat when it is due, and find the watched node's silence."""
-        if now_ns < self._quiet_until_ns:
-            return
         if self._heartbeat_period_ns and now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(0x700 + self.node_id, bytes((self.state,)))
@@ -214,7 +258,7 @@ class Node(ObjectStore):
             self._heard_ns = 0
             self.emergency(0x8130)
             self.lost_consumer()
-        self._quiet_until_ns = self._next_timer_ns(now_ns)
+        self.quiet_until_ns = self._next_timer_ns(now_ns)
 
     def _next_timer_ns(self, now_ns: int) -> int:
         """Return the time before which no timer ends, as things are now."""
@@ -255,6 +299,7 @@ class Node(ObjectStore):
 
     def emergency(self, code: int, register: int = 0x11) -> None:
         """Send an emergency message and keep it in the error field (1003h)."""
+        self.changed = True
         count = min(self.value(0x1003, 0) + 1, 8)
         for subindex in range(count, 1, -1):
             self._stored[0x1003, subindex] = self.value(0x1003, subindex - 1)

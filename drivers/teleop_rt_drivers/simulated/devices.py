@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from teleop_rt_drivers.simulated.answer import FORCES, INT16, INT32, PLACES, SPEEDS
 from teleop_rt_drivers.simulated.device import Node
+from teleop_rt_drivers.simulated.senses import clamped
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.node_config import NodeConfig
@@ -15,27 +17,28 @@ SPEED_STEP = 1e-5
 """Speed step of the encoder [rig unit/s]: 0.01 mm/s on a linear rig."""
 POSITION_STEP_UNIT = 1e-9
 """Unit of object 6005h:1 [rig unit]: 0.001 um on a linear rig."""
-INT16 = 2**15 - 1
-INT32 = 2**31 - 1
 
 
 class Encoder(Node):
     """CiA 406 linear encoder: position and speed."""
 
     def __init__(self, node: NodeConfig, send: Send, plant: Plant) -> None:
-        resolution = plant.config.sensors.encoder_resolution
+        sensors = plant.config.sensors
+        resolution = sensors.encoder_resolution
         super().__init__(
             "encoder",
             node.node_id,
             node.eds,
             send,
             {
-                (0x6004, 0): lambda: _clamp(plant.encoder_counts, INT32),
-                (0x6030, 1): lambda: _clamp(plant.velocity / SPEED_STEP, INT16),
+                (0x6004, 0): lambda: clamped(plant.encoder_counts, INT32),
+                (0x6030, 1): lambda: clamped(plant.velocity / SPEED_STEP, INT16),
                 (0x6503, 0): lambda: 0,
                 (0x6005, 1): lambda: round(resolution / POSITION_STEP_UNIT),
             },
         )
+        self.measured[0x6004, 0] = PLACES, sensors.encoder_zero, resolution
+        self.measured[0x6030, 1] = SPEEDS, 0.0, SPEED_STEP
 
 
 class ForceSensor(Node):
@@ -49,13 +52,10 @@ class ForceSensor(Node):
             send,
             {
                 (0x6130, 1): plant.measured_force,
-                (0x9130, 1): lambda: _clamp(plant.measured_force() * self._per_unit, INT32),
+                (0x9130, 1): lambda: clamped(plant.measured_force() * self._per_unit, INT32),
                 (0x6150, 1): lambda: 0,
             },
         )
         self._per_unit = 10 ** self.value(0x6132, 1)
-
-
-def _clamp(counts: float, limit: int) -> int:
-    """Return whole counts within what the object can hold."""
-    return max(-limit, min(limit, round(counts)))
+        self.measured[0x6130, 1] = None
+        self.measured[0x9130, 1] = FORCES, 0.0, self._per_unit

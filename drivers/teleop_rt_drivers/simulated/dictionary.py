@@ -70,10 +70,10 @@ class Pdo:
         self.timer_ns = timer_ns
         self.every = every
         self.keys = [(variable.index, variable.subindex) for variable in variables]
-        formats = "".join(
+        self.formats = "".join(
             ODVariable.STRUCT_TYPES[variable.data_type or 0].format[-1] for variable in variables
         )
-        self.struct = struct.Struct("<" + formats)
+        self.struct = struct.Struct("<" + self.formats)
         self.readers: list[Callable[[], float]] = []
 
 
@@ -88,7 +88,7 @@ class ObjectStore:
         self._live = live
         self._defaults = _defaults(self.object_dictionary)
         self._stored: dict[tuple[int, int], Raw] = {}
-        self._tpdos: list[Pdo] = []
+        self.tpdos: list[Pdo] = []
         self._events: list[Pdo] = []
         self.deadline_ns = 0
         self.rpdos: dict[int, Pdo] = {}
@@ -157,7 +157,7 @@ class ObjectStore:
 
     def _compile_pdos(self) -> None:
         """Compile the enabled PDOs, so that a SYNC costs no look-ups."""
-        self._tpdos = []
+        self.tpdos = []
         self._events = []
         self.rpdos = {}
         timers_ns = [self._timer_ns(index) for index in self.object_dictionary if index in RPDOS]
@@ -165,7 +165,7 @@ class ObjectStore:
         for index in self.object_dictionary:
             if index in TPDOS and (pdo := self._compiled(index)) is not None:
                 pdo.readers = [self._reader(key) for key in pdo.keys]
-                (self._tpdos if pdo.every in SYNCHRONOUS else self._events).append(pdo)
+                (self.tpdos if pdo.every in SYNCHRONOUS else self._events).append(pdo)
             elif index in RPDOS and (pdo := self._compiled(index)) is not None:
                 self.rpdos[pdo.cob_id] = pdo
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import struct
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from teleop_rt_drivers.simulated.device import Node
+from teleop_rt_drivers.simulated.answer import INT32, PLACES, TORQUES, goal_of, signed, thousandths
+from teleop_rt_drivers.simulated.device import Nmt, Node
+from teleop_rt_drivers.simulated.dictionary import EVENT_DRIVEN
 from teleop_rt_drivers.simulated.motion import OFF
+from teleop_rt_drivers.simulated.senses import clamped
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.node_config import NodeConfig
@@ -17,6 +21,7 @@ CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 8, 10
 OPERATE = 0x0F
 """The controlword that keeps an enabled drive enabled."""
 LIMITS = (0x607D, 0x607F, 0x60C2)  # position, speed, interpolation period (CiA 402)
+TARGET = 0x607A, 0
 HOME_SWITCH = 1 << 2
 """Bit of the digital inputs (60FDh)."""
 VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12
@@ -55,6 +60,7 @@ class ServoDrive(Node):
         self._error = 0
         self._fault_reset_bit = False
         self.refuses = False
+        self._settled = False
         self._limits: tuple[int, int, float, float] | None = None
         super().__init__(
             "drive",
@@ -65,13 +71,17 @@ class ServoDrive(Node):
                 (0x6041, 0): self._statusword,
                 (0x603F, 0): lambda: self._error,
                 (0x6061, 0): lambda: self.value(0x6060),
-                (0x6064, 0): lambda: round(plant.drive_counts),
+                (0x6064, 0): lambda: clamped(plant.drive_counts, INT32),
                 (0x6077, 0): self._torque,
                 (0x60FD, 0): lambda: HOME_SWITCH if plant.switch_closed else 0,
                 (0x6401, 1): lambda: analog_input(plant.measured_force()),
             },
         )
         self._rated = self.value(0x6076) * 1e-3
+        drive = plant.config.drive
+        self.measured[0x6064, 0] = PLACES, drive.zero, drive.position_resolution
+        self.measured[0x6077, 0] = TORQUES, 0.0, self._rated
+        self.measured[0x60FD, 0] = self.measured[0x6401, 1] = None
 
     @property
     def enabled(self) -> bool:
@@ -93,7 +103,7 @@ class ServoDrive(Node):
 
     def written(self, index: int) -> None:
         """Obey a controlword that came by SDO at once."""
-        self._limits = None
+        self._limits, self._settled = None, False
         super().written(index)
         if index == 0x6040:
             self._obey(self.value(0x6040))
@@ -102,7 +112,9 @@ class ServoDrive(Node):
         """Obey the controlword and follow the target, as of this SYNC."""
         control = self.value(0x6040)
         if control != OPERATE or self._power is not Power.ENABLED or self._fault_reset_bit:
+            before = self._power, self._fault_reset_bit
             self._obey(control)
+            self._settled = before == (self._power, self._fault_reset_bit)
         if self._power is not Power.ENABLED:
             return
         mode = self.value(0x6060)
@@ -111,11 +123,64 @@ class ServoDrive(Node):
         elif mode == CYCLIC_SYNCHRONOUS_TORQUE:
             self._push(self.value(0x6071))
 
+    def standing(self) -> dict[str, float] | None:
+        """Return how it stands, by the fields of `answer.CycleFields`.
+
+        None where the next command is more than another target, or comes otherwise.
+        """
+        if len(self.rpdos) != 1 or self.refuses or len(self.received) > 1:
+            return None
+        enabled = self._power is Power.ENABLED
+        if enabled and self.value(0x6060) != CYCLIC_SYNCHRONOUS_POSITION:
+            return None
+        if not (self._is_kept if enabled else self._settled):
+            return None
+        ((can_id, pdo),) = self.rpdos.items()
+        if pdo.every in EVENT_DRIVEN or pdo.keys.count(TARGET) != 1:
+            return None
+        place = pdo.keys.index(TARGET)
+        target_at = 8 * struct.calcsize("<" + pdo.formats[:place])
+        same_mask = (1 << 8 * pdo.struct.size) - 1 & ~(0xFFFFFFFF << target_at)
+        stored = pdo.struct.pack(*(self.value(*key) for key in pdo.keys))
+        same = int.from_bytes(stored, "little") & same_mask
+        last = int.from_bytes(self.received[0][1] if self.received else stored, "little")
+        if last & same_mask != same:
+            return None
+        lowest, highest, period_s, reach = self._limits or self._read_limits()
+        drive = self._plant.config.drive
+        return {
+            "command_id": can_id, "command_bytes": pdo.struct.size, "target_at": target_at,
+            "same_mask": signed(same_mask, 64), "same": signed(same, 64),
+            "last": signed(last, 64), "pending": len(self.received), "follows": int(enabled),
+            "lowest": lowest, "highest": highest, "reach": reach, "period_s": period_s,
+            "zero": drive.zero, "step": drive.position_resolution,
+        }  # fmt: skip
+
+    @property
+    def _is_kept(self) -> bool:
+        """Return whether the controlword keeps it enabled, and its limits are not commanded."""
+        if self._limits is None:
+            self._read_limits()
+        kept = self.value(0x6040) == OPERATE and not self._fault_reset_bit
+        return kept and self._limits is not None
+
+    def resume(self, obeyed: bytes | None, waiting: bytes | None) -> None:
+        """Take over the last command that was obeyed in its place, and one that waits for SYNC."""
+        if self.state is not Nmt.OPERATIONAL:
+            return
+        for pdo in self.rpdos.values():  # one, as it stood
+            if obeyed is not None:
+                found = pdo.struct.unpack(obeyed[: pdo.struct.size])
+                self._stored.update(zip(pdo.keys, found, strict=True))
+            if waiting is not None:
+                self.received.append((pdo, waiting[: pdo.struct.size]))
+
     def run_timers(self, now_ns: int) -> None:
         """Also end a quick stop when the tool has come to rest (605Ah)."""
         super().run_timers(now_ns)
         if self._power is not Power.QUICK_STOP:
             return
+        self.quiet_until_ns = now_ns
         if self.value(0x605A) in (1, 2) and self._plant.at_rest:
             self._enter_power(Power.SWITCH_ON_DISABLED)
 
@@ -186,6 +251,7 @@ class ServoDrive(Node):
         if power not in (Power.ENABLED, Power.QUICK_STOP):
             self._plant.power_off()
         self._power = power
+        self._settled, self.changed, self.quiet_until_ns = False, True, 0
 
     def _quick_stop(self) -> None:
         """Slow down on the ramp of 6085h, under power."""
@@ -195,10 +261,9 @@ class ServoDrive(Node):
     def _follow(self, counts: int) -> None:
         """Run to the target within the interpolation period, inside 607Dh and 607Fh."""
         lowest, highest, period_s, reach = self._limits or self._read_limits()
-        here = self._plant.reference
-        counts = max(lowest, min(highest, counts))
-        target = max(here - reach, min(here + reach, self._plant.position_of(counts)))
-        self._plant.follow(target, period_s)
+        drive = self._plant.config.drive
+        bounds = lowest, highest, reach, drive.zero, drive.position_resolution
+        self._plant.follow(goal_of(counts, self._plant.reference, *bounds), period_s)
 
     def _read_limits(self) -> tuple[int, int, float, float]:
         """Return the lowest and highest counts, the period [s] and the farthest way within it.
@@ -225,4 +290,4 @@ class ServoDrive(Node):
 
     def _torque(self) -> int:
         """Return the motor's force in thousandths of the rated one (6076h)."""
-        return max(-32767, min(32767, round(1000.0 * self._plant.servo_force / self._rated)))
+        return thousandths(self._plant.servo_force, self._rated)

@@ -84,6 +84,15 @@ class FaultyWire:
         self._transmit(ERROR | BUS_OFF_CLASS, bytes(8))
         self.off = True
 
+    @property
+    def plain(self) -> bool:
+        """Return whether nodes' frames are sent as they are."""
+        return not self.off and not self._active
+
+    def note(self, cob_id: int, data: bytes) -> None:
+        """Note a node's frame that was sent without this wire, while it was plain."""
+        self._last[cob_id] = data
+
     def send(self, cob_id: int, data: bytes) -> None:
         """Send a node's frame, or what the fault makes of it."""
         if self.off:

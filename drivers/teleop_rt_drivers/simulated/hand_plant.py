@@ -18,6 +18,7 @@ from teleop_rt_drivers.simulated.config import (
     SimulatedPlantConfig,
 )
 from teleop_rt_drivers.simulated.motion import (
+    DECELERATION,
     HISTORY,
     POSITION,
     PUSHING,
@@ -26,6 +27,7 @@ from teleop_rt_drivers.simulated.motion import (
     force_at,
 )
 from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.senses import HEAD, NOW, REPORTED_NS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,10 +91,22 @@ class HandPlant(Plant):
         force_at(self._stamps, self._forces, 1, self.now_ns)
 
     @property
+    def answers(self) -> bool:
+        """Return false: device and hand move by kernels of their own."""
+        return False
+
+    def advance(self, to_ns: int) -> None:
+        """Move up to `to_ns`, by the same steps as any plant."""
+        for end_ns in (to_ns - REPORTED_NS, to_ns):
+            if end_ns > self.now_ns:
+                self._integrate(end_ns - self.now_ns)
+                self._numbers[NOW] = end_ns
+
+    @property
     def reported_position(self) -> float:
         """Position that a drive with its own encoder reports now, at the age of its sample."""
         at_ns = self.now_ns - self.sample_age_ns
-        return float(force_at(self._stamps, self._positions, self._head, at_ns))
+        return float(force_at(self._stamps, self._positions, self._numbers[HEAD], at_ns))
 
     @property
     def servo_force(self) -> float:
@@ -162,12 +176,12 @@ class HandPlant(Plant):
                 steps,
             )
             now_ns = until_ns
-            self._head = (self._head + 1) % HISTORY
-            self._stamps[self._head] = now_ns
-            self._positions[self._head] = self._handle[handle_motion.POSITION]
+            head = self._numbers[HEAD] = (self._numbers.item(HEAD) + 1) % HISTORY
+            self._stamps[head] = now_ns
+            self._positions[head] = self._handle[handle_motion.POSITION]
         self._state[POSITION] = self._handle[handle_motion.POSITION]
         self._state[VELOCITY] = self._handle[handle_motion.VELOCITY]
-        advance_reference(self._state, self.mode, self._deceleration, span_s)
+        advance_reference(self._state, self.mode, self._constants.item(DECELERATION), span_s)
 
     def _note_truth(self, now_ns: int) -> None:
         handle = self._handle

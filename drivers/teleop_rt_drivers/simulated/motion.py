@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from teleop_rt.kernels.jit import kernel
+from teleop_rt.kernels.jit import kernel, shared
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,9 +27,9 @@ POSITION, VELOCITY, FORCE, IMPULSE, REFERENCE, REFERENCE_RATE, SEGMENT_LEFT = ra
 STATES = SEGMENT_LEFT + 1
 (
     MASS, SERVO_STIFFNESS, SERVO_DAMPING, SERVO_LIMIT, IDLE_DAMPING, STIFFNESS, DAMPING, SURFACE,
-    PUSH,
-) = range(9)  # fmt: skip
-CONSTANTS = PUSH + 1
+    PUSH, DECELERATION,
+) = range(10)  # fmt: skip
+CONSTANTS = DECELERATION + 1
 OFF, FOLLOWING, STOPPING, PUSHING = 0, 1, 2, 3
 """States of the drive: it does nothing, follows the reference, brakes to rest, or pushes."""
 
@@ -86,6 +86,13 @@ def advance_reference(state: Vector, mode: int, deceleration: float, step: float
     else:
         state[REFERENCE] = state[POSITION]
         state[REFERENCE_RATE] = 0.0
+
+
+@shared
+def follow(state: Vector, target: float, period_s: float) -> None:
+    """Run the reference in a straight line to `target`, to be there after `period_s`."""
+    state[REFERENCE_RATE] = (target - state[REFERENCE]) / period_s
+    state[SEGMENT_LEFT] = period_s
 
 
 @kernel

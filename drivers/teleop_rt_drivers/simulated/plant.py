@@ -6,22 +6,21 @@ Its physics are its own: nothing here is shared with the models that are estimat
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from teleop_rt.kernels.jit import bound
-from teleop_rt_drivers.simulated import hidden
-from teleop_rt_drivers.simulated.hidden_motion import N_ALL, STAGES, advance_hidden
+from teleop_rt_drivers.simulated import hidden, senses
+from teleop_rt_drivers.simulated.hidden_motion import N_ALL, STAGES
 from teleop_rt_drivers.simulated.motion import (
     CONSTANTS,
     DAMPING,
+    DECELERATION,
     FOLLOWING,
     FORCE,
     HISTORY,
     IDLE_DAMPING,
-    IMPULSE,
     MASS,
     OFF,
     POSITION,
@@ -34,14 +33,12 @@ from teleop_rt_drivers.simulated.motion import (
     SERVO_LIMIT,
     SERVO_STIFFNESS,
     STATES,
-    STEP_NS,
     STIFFNESS,
     STOPPING,
     SURFACE,
     VELOCITY,
-    advance,
     contact_force,
-    force_at,
+    follow,
 )
 
 if TYPE_CHECKING:
@@ -49,52 +46,80 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.motion import Stamps, Vector
 
 
-REPORTED_NS = 1_000_000
-"""Over so long an industrial drive averages the torque that it reports."""
-IMPULSES = 256
-"""Times kept of the drive's impulse: more than 20 ms of the smallest steps of a bus."""
-
-
 class Plant:
     """Tool, drive and environment, and the sensors on them; all random numbers from one seed."""
 
     def __init__(self, config: SimulatedPlantConfig, start_ns: int, seed: int) -> None:
         self.config = config
-        self.now_ns = start_ns
-        self.mode = OFF
-        self.hung = 0.0
-        """Force of a weight that hangs at the force sensor."""
         self._random = np.random.default_rng(seed)
         self._state = np.zeros(STATES)
         self._state[POSITION] = self._state[REFERENCE] = config.start
         self._constants = _constants(config)
-        self._deceleration = 0.0
         self._state[FORCE] = contact_force(config.start, 0.0, self._constants)
         self._stamps = np.full(HISTORY, start_ns, dtype=np.int64)
         self._forces = np.full(HISTORY, self._state[FORCE])
-        self._head = 0
-        self._start_ns = start_ns
+        self._numbers = np.zeros(senses.NUMBERS, np.int64)
+        self._numbers[[senses.NOW, senses.START]] = start_ns
+        self._numbers[senses.MODE] = OFF
         self._hides = bool(config.undeclared or config.environment.hunt_crossley)
         self._hidden = hidden_constants(config)
-        self._memories = np.zeros(hidden.N_MEMORIES)
-        self._memories[hidden.TIP] = config.start
-        self._scratch = np.zeros((STAGES, N_ALL))
-        self._impulses: deque[tuple[int, float]] = deque(maxlen=IMPULSES)
+        self._sensor = _sensor_constants(config, self._hidden.item(hidden.DELAY_MS))
+        self.moving = senses.PlantArrays(
+            state=self._state,
+            constants=self._constants,
+            numbers=self._numbers,
+            stamps=self._stamps,
+            forces=self._forces,
+            impulse_ns=np.zeros(senses.IMPULSES, np.int64),
+            impulses=np.zeros(senses.IMPULSES),
+            sensor=self._sensor,
+            draws=np.zeros((senses.DRAWS, 2)),
+        )
+        """Its arrays, for kernels that compute a device's whole answer."""
         self._compile()
 
     def _compile(self) -> None:
-        """Compile the kernels, one on a copy, so that the first SYNC is answered in time."""
-        self._force_at = bound(force_at, (self._stamps, self._forces), 1, self.now_ns)
+        """Compile the kernels, so that the first SYNC is answered in time."""
+        self.beside = self._beside()
+        self._run_to = bound(senses.run_to, (self.moving, self.beside), 0)
+        self._measured_force = bound(senses.measured_force, (self.moving,))
+        self._mean_servo_force = bound(senses.mean_servo_force, (self.moving,), 0)
+
+    def _beside(self) -> senses.Hidden | None:
+        """Return the arrays of what the trial hides, if it hides something."""
         if not self._hides:
-            arrays = self._state, self._constants, self._stamps, self._forces
-            numbers = self.mode, self._deceleration, 0, self.now_ns, STEP_NS
-            self._advance = bound(advance, arrays, *numbers)
-            return
-        kept = [self._state, self._stamps, self._forces, self._memories]
-        self._state, self._stamps, self._forces, self._memories = (array.copy() for array in kept)
-        self._integrate(STEP_NS)
-        self._state, self._stamps, self._forces, self._memories = kept
-        self._head = 0
+            return None
+        memories = np.zeros(hidden.N_MEMORIES)
+        memories[hidden.TIP] = self.config.start
+        return senses.Hidden(memories, self._hidden, np.zeros((STAGES, N_ALL)))
+
+    @property
+    def answers(self) -> bool:
+        """Return whether a kernel may compute what its devices answer: none knows of outliers."""
+        return self._hidden.item(hidden.SPARKS) == 0.0
+
+    @property
+    def now_ns(self) -> int:
+        """The time up to which it has moved."""
+        return self._numbers.item(senses.NOW)
+
+    @property
+    def mode(self) -> int:
+        """The state of the drive."""
+        return self._numbers.item(senses.MODE)
+
+    @mode.setter
+    def mode(self, mode: int) -> None:
+        self._numbers[senses.MODE] = mode
+
+    @property
+    def hung(self) -> float:
+        """Force of a weight that hangs at the force sensor."""
+        return self._sensor.item(senses.HUNG)
+
+    @hung.setter
+    def hung(self, force: float) -> None:
+        self._sensor[senses.HUNG] = force
 
     @property
     def position(self) -> float:
@@ -117,16 +142,17 @@ class Plant:
 
     def motion_row(self) -> list[float]:
         """Return the row of `teleop_rt.signals.TRUTH` of now."""
-        read = self._state.item
+        read, number = self._state.item, self._numbers.item
         return [
-            self.now_ns, read(POSITION), read(VELOCITY), read(FORCE), read(REFERENCE), self.mode,
+            number(senses.NOW), read(POSITION), read(VELOCITY), read(FORCE), read(REFERENCE),
+            number(senses.MODE),
         ]  # fmt: skip
 
     @property
     def encoder_counts(self) -> float:
         """Position as the encoder counts it, not rounded."""
         sensors = self.config.sensors
-        return (self.position - sensors.encoder_zero) / sensors.encoder_resolution
+        return senses.counted(self.position, sensors.encoder_zero, sensors.encoder_resolution)
 
     @property
     def reported_position(self) -> float:
@@ -146,7 +172,8 @@ class Plant:
 
     def counts_of(self, position: float) -> float:
         """Return a true position in the drive's counts, not rounded."""
-        return (position - self.config.drive.zero) / self.config.drive.position_resolution
+        drive = self.config.drive
+        return senses.counted(position, drive.zero, drive.position_resolution)
 
     def position_of(self, counts: float) -> float:
         """Return the true position of the drive's counts."""
@@ -155,20 +182,11 @@ class Plant:
     @property
     def servo_force(self) -> float:
         """Force of the drive on the tool, its mean over the last millisecond."""
-        return self.mean_servo_force(REPORTED_NS)
+        return self.mean_servo_force(senses.REPORTED_NS)
 
     def mean_servo_force(self, span_ns: int) -> float:
         """Return the drive's mean force over this time, however often the plant was asked."""
-        if not self._impulses:
-            return 0.0
-        (newest_ns, newest), begin_ns = self._impulses[-1], self._impulses[-1][0] - span_ns
-        later_ns, later = newest_ns, newest
-        for earlier_ns, earlier in reversed(self._impulses):
-            if earlier_ns <= begin_ns:
-                share = (begin_ns - earlier_ns) / max(1, later_ns - earlier_ns)
-                return (newest - earlier - share * (later - earlier)) / (span_ns * 1e-9)
-            later_ns, later = earlier_ns, earlier
-        return (newest - later) / max(1e-9, (newest_ns - later_ns) * 1e-9)
+        return self._mean_servo_force(span_ns)
 
     @property
     def reference(self) -> float:
@@ -177,36 +195,7 @@ class Plant:
 
     def advance(self, to_ns: int) -> None:
         """Integrate up to `to_ns`; nothing happens when that is not in the future."""
-        if not self._impulses:
-            self._note_impulse()
-        # By an end a millisecond before, the mean over the last one is exact.
-        for end_ns in (to_ns - REPORTED_NS, to_ns):
-            if end_ns > self.now_ns:
-                self._integrate(end_ns - self.now_ns)
-                self.now_ns = end_ns
-                self._note_impulse()
-
-    def _note_impulse(self) -> None:
-        self._impulses.append((self.now_ns, self._state.item(IMPULSE)))
-
-    def _integrate(self, span_ns: int) -> None:
-        if not self._hides:
-            self._head = self._advance(
-                self.mode, self._deceleration, self._head, self.now_ns, span_ns
-            )
-            return
-        history = (self._stamps, self._forces, self._head, self.now_ns, span_ns)
-        self._head = advance_hidden(
-            self._state,
-            self._memories,
-            self._constants,
-            self._hidden,
-            self.mode,
-            self._deceleration,
-            *history,
-            self.now_ns - self._start_ns,
-            self._scratch,
-        )
+        self._run_to(to_ns)
 
     def power_off(self) -> None:
         """Take the servo's force away."""
@@ -220,8 +209,7 @@ class Plant:
 
     def follow(self, target: float, period_s: float) -> None:
         """Run the reference in a straight line to `target`, to be there after `period_s`."""
-        self._state[REFERENCE_RATE] = (target - self._state[REFERENCE]) / period_s
-        self._state[SEGMENT_LEFT] = period_s
+        follow(self._state, target, period_s)
 
     def push(self, force: float) -> None:
         """Push with a force, whatever the position."""
@@ -241,7 +229,7 @@ class Plant:
         """Bring the reference to rest under power, from the speed that the tool has now."""
         self.mode = STOPPING
         self._state[REFERENCE_RATE] = self._state[VELOCITY]
-        self._deceleration = deceleration
+        self._constants[DECELERATION] = deceleration
 
     @property
     def at_rest(self) -> bool:
@@ -250,23 +238,33 @@ class Plant:
 
     def measured_force(self) -> float:
         """Return what the force sensor gives now: the force of some time ago, and noise."""
-        sensors = self.config.sensors
-        # As `uniform(-1.0, 1.0)` draws it, which takes three times as long.
-        jitter_us = (-1.0 + 2.0 * self._random.random()) * sensors.force_lag_jitter_us
-        lag_ms = sensors.force_lag_ms + self._hidden.item(hidden.DELAY_MS)
-        lag_ns = max(0, round(1e6 * lag_ms + 1e3 * jitter_us))
-        lagged = self._force_at(self._head, self.now_ns - lag_ns)
-        age_s = (self.now_ns - self._start_ns) * 1e-9
-        lagged += sensors.force_offset + sensors.force_drift * age_s + self.hung
-        return lagged + sensors.force_noise * self._random.standard_normal() + self._spark()
+        self.draw(1)
+        return self._measured_force() + self._spark()
+
+    def draw(self, samples: int) -> None:
+        """Draw the random numbers of so many samples, if fewer than that are left.
+
+        An outlier's numbers come between two samples': with outliers one is drawn at a time.
+        """
+        numbers, draws = self._numbers, self.moving.draws
+        first, last = numbers.item(senses.NEXT_DRAW), numbers.item(senses.DRAWN)
+        if last - first >= samples:
+            return
+        left = last - first
+        draws[:left] = draws[first:last]
+        count = len(draws) if self.answers else samples
+        uniform, normal = self._random.random, self._random.standard_normal
+        for pair in range(left, count):
+            draws[pair] = uniform(), normal()
+        numbers[senses.NEXT_DRAW], numbers[senses.DRAWN] = 0, count
 
     def averaged_force(self, stamps_ns: Stamps, weights: Vector) -> float:
         """Return what a converter gives that weighs the sensor's force at these times (n,)."""
         sensors = self.config.sensors
-        order = (self._head + 1 + np.arange(HISTORY)) % HISTORY
-        lag_ns = round(1e6 * (sensors.force_lag_ms + self._hidden.item(hidden.DELAY_MS)))
+        order = (self._numbers.item(senses.HEAD) + 1 + np.arange(HISTORY)) % HISTORY
+        lag_ns = round(1e6 * self._sensor.item(senses.LAG_MS))
         forces = np.interp(stamps_ns - lag_ns, self._stamps[order], self._forces[order])
-        age_s = (int(stamps_ns[-1]) - self._start_ns) * 1e-9
+        age_s = (int(stamps_ns[-1]) - self._numbers.item(senses.START)) * 1e-9
         mean = float(weights @ forces) + sensors.force_offset + sensors.force_drift * age_s
         return (
             mean + self.hung + sensors.force_noise * self._random.standard_normal() + self._spark()
@@ -303,6 +301,17 @@ def _constants(config: SimulatedPlantConfig) -> Vector:
     constants[STIFFNESS] = body.stiffness
     constants[DAMPING] = body.damping
     constants[SURFACE] = body.surface
+    return constants
+
+
+def _sensor_constants(config: SimulatedPlantConfig, delay_ms: float) -> Vector:
+    """Return the constants of the force sensor, whose force a hidden effect may delay further."""
+    sensors = config.sensors
+    constants = np.zeros(senses.SENSOR_CONSTANTS)
+    constants[senses.LAG_MS] = sensors.force_lag_ms + delay_ms
+    constants[senses.JITTER_US] = sensors.force_lag_jitter_us
+    constants[senses.OFFSET], constants[senses.DRIFT] = sensors.force_offset, sensors.force_drift
+    constants[senses.NOISE] = sensors.force_noise
     return constants
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import select
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -71,7 +70,7 @@ class SimulatedRig:
     """One plant, and networks of devices around it.
 
     `truth_row` holds the newest row of `teleop_rt.signals.TRUTH`, of the last measurement;
-    `on_truth`, if set, is called after each. All stamps come from `now_ns`, all random numbers
+    `on_truth`, if set, is called with each. All stamps come from `now_ns`, all random numbers
     from `seed`.
     """
 
@@ -80,11 +79,11 @@ class SimulatedRig:
     ) -> None:
         self.plant = Plant(plant, now_ns(), seed)
         self.truth_row: list[float] = [0.0] * len(TRUTH)
-        self.on_truth: Callable[[], None] | None = None
+        self.on_truth: Callable[[list[float]], None] | None = None
         self.networks: list[Network] = []
         self._units = rig.units
         self._now_ns = now_ns
-        self._noted_ns = -1
+        self._noted_ns = -1.0
         self.note_truth()
 
     @property
@@ -134,17 +133,19 @@ class SimulatedRig:
         networks = self.networks
         while not stop():
             now_ns = self._now_ns()
-            due_ns = now_ns + SERVE_WAIT_NS
+            wait_ns = SERVE_WAIT_NS
             descriptors: list[int] = []
             for network in networks:
-                due_ns = min(due_ns, network.due_ns(now_ns))
+                wait_ns = min(wait_ns, network.due_ns(now_ns) - now_ns)
                 descriptors += network.descriptors()
-            # A line that is being pulled meanwhile is no descriptor any more.
-            with contextlib.suppress(OSError, ValueError):
-                select.select(descriptors, [], [], max(0, due_ns - now_ns) * 1e-9)
+            try:  # noqa: SIM105 - its context costs as much as the call
+                select.select(descriptors, (), (), max(0, wait_ns) * 1e-9)
+            except (OSError, ValueError):  # a line that is being pulled is no descriptor any more
+                pass
             for network in networks:
                 network.serve_once()
-            self._advance_idle()
+            if now_ns - self._noted_ns > IDLE_ADVANCE_NS:
+                self._advance_idle()
 
     def close(self) -> None:
         """Release every bus and line."""
@@ -157,13 +158,13 @@ class SimulatedRig:
 
     def note_truth(self) -> None:
         """Note the plant's state as of its own time, once for each instant."""
-        plant = self.plant
-        if plant.now_ns == self._noted_ns:
+        row = self.plant.motion_row()
+        if row[0] == self._noted_ns:
             return
-        self._noted_ns = plant.now_ns
-        self.truth_row = plant.motion_row()
+        self._noted_ns = row[0]
+        self.truth_row = row
         if self.on_truth is not None:
-            self.on_truth()
+            self.on_truth(row)
 
     def _network_of(self, device: str) -> Network:
         for network in self.networks:

@@ -1,0 +1,170 @@
+"""When the devices of a CANopen network answer by one kernel, and what is Python's again after."""
+
+from __future__ import annotations
+
+import time
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from teleop_rt.kernels.jit import bound
+from teleop_rt_drivers.can_door import UNUSUAL
+from teleop_rt_drivers.can_frames import FRAME, unpacked_plainly
+from teleop_rt_drivers.simulated import answer as kernels
+from teleop_rt_drivers.simulated.answer import CYCLE, MEASURED, Answer, head_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from teleop_rt_drivers.can_frames import CanFrame
+    from teleop_rt_drivers.simulated.answer import CycleFields
+    from teleop_rt_drivers.simulated.device import Node
+    from teleop_rt_drivers.simulated.dictionary import Pdo
+    from teleop_rt_drivers.simulated.drive import ServoDrive
+    from teleop_rt_drivers.simulated.faults import FaultyWire
+    from teleop_rt_drivers.simulated.plant import Plant
+
+MOST_FRAMES = 7  # of a packet
+_changed = attrgetter("changed")
+
+
+class Answering:
+    """Answers the frames of every cycle at a bus's door, while its devices do nothing else.
+
+    Python acts on the devices only after `hand_back`.
+    """
+
+    def __init__(
+        self,
+        bus: Any,
+        plant: Plant,
+        wire: FaultyWire,
+        nodes: Sequence[Node],
+        drive: ServoDrive | None,
+        now_ns: Callable[[], int],
+        latched: Callable[[], None],
+        *,
+        sync_id: int,
+        heartbeat_id: int,
+    ) -> None:
+        self._bus, self._plant, self._wire, self._latched = bus, plant, wire, latched
+        self._nodes, self._drive = nodes, drive
+        self._pdos: list[Pdo] = []
+        self._stands = False
+        cycle = np.zeros(1, CYCLE)
+        self._cycle = cast("CycleFields", cycle[0])
+        self._cycle.sync_id, self._cycle.heartbeat_id = sync_id, heartbeat_id
+        self._clock = np.zeros(2, np.int64)
+        self._cycle.clock = self._clock.ctypes.data
+        self._records = cycle
+        self._packet = np.zeros((0, 3), np.int64)
+        self._heartbeat_of = heartbeat_id & 0x7F
+        door = getattr(bus, "door", None)
+        answers = door is not None and door.door.frame_bytes == FRAME.size and plant.answers
+        # Frames are stamped in the machine's own time.
+        self._can = answers and now_ns is time.monotonic_ns
+        if self._can:
+            self._bind([])  # compiled now, so that the first SYNC is answered in time
+
+    def left(self) -> Sequence[CanFrame] | None:
+        """Answer what waits; return the frames that are left, None where nothing was received."""
+        if not self._is_ready():
+            return None
+        happened = self._take()
+        if happened == UNUSUAL:
+            self._bus.keep()
+            return None
+        while True:
+            if happened & kernels.STRANGE:
+                frames, size = self._cycle.frames, FRAME.size
+                self.hand_back()
+                return unpacked_plainly(self._bus.door.slots.data.cast("B")[: frames * size])
+            if happened & kernels.UNSENT:
+                self._bus.lost += len(self._packet)
+            if happened & kernels.LATCHED:
+                self._latched()
+            if happened & kernels.HEARD:
+                for node in self._nodes:
+                    node.receive_heartbeat(self._heartbeat_of, self._cycle.heard_ns)
+            if not happened & kernels.MORE:
+                return ()
+            if happened & kernels.DRY:
+                self._plant.draw(self._cycle.samples)
+            happened = self._go_on()
+
+    def hand_back(self) -> None:
+        """Let the devices know what has happened since they were last asked."""
+        if not self._stands:
+            return
+        self._stands = False
+        cycle = self._cycle
+        if cycle.syncs:
+            for row, pdo in zip(self._packet, self._pdos, strict=True):
+                self._wire.note(pdo.cob_id, row[1].tobytes()[: pdo.struct.size])
+        for node in self._nodes:
+            node.skip(cycle.syncs)
+        if self._drive is not None:
+            self._drive.resume(
+                _bytes(cycle.obeyed) if cycle.commands else None,
+                _bytes(cycle.last) if cycle.pending else None,
+            )
+
+    def _is_ready(self) -> bool:
+        """Return whether the kernel may take what waits."""
+        if not self._stands or any(map(_changed, self._nodes)):
+            self.hand_back()
+            self._stands = self._plan()
+        return self._stands and self._bus.is_plain()
+
+    def _plan(self) -> bool:
+        """Take over how the devices stand; return whether nothing else happens to them now."""
+        for node in self._nodes:
+            node.changed = False
+        if not (self._can and self._wire.plain) or not all(node.is_usual for node in self._nodes):
+            return False
+        self._pdos = [pdo for node in self._nodes for pdo in node.tpdos]
+        rows = [row for node in self._nodes for row in node.objects()]
+        if not 0 < len(self._pdos) <= MOST_FRAMES or not self._take_command():
+            return False
+        self._bind(rows)
+        return True
+
+    def _take_command(self) -> bool:
+        """Take over how the drive stands, if there is one; return whether that can be."""
+        cycle = self._cycle
+        cycle.command_id, cycle.follows, cycle.pending, cycle.last = -1, 0, 0, 0
+        cycle.syncs = cycle.commands = 0
+        if self._drive is None:
+            return True
+        standing = self._drive.standing()
+        if standing is None:
+            return False
+        for name, value in standing.items():
+            setattr(cycle, name, value)
+        self._drive.received.clear()
+        return True
+
+    def _bind(self, rows: list[Any]) -> None:
+        """Bind the kernels to the answers of these devices."""
+        measured = np.zeros(sum(len(found) for _, _, found in rows), MEASURED)
+        door, place = self._bus.door, 0
+        for frame, (_, _, found) in enumerate(rows):
+            for at, mask, kind in found:
+                measured[place] = frame, at, mask, *kind
+                place += 1
+        self._cycle.samples = int(np.count_nonzero(measured["kind"] == kernels.FORCES))
+        self._packet = np.array(
+            [(head_of(pdo.cob_id, pdo.struct.size), 0, 0) for pdo, _, _ in rows], np.int64
+        ).reshape(-1, 3)
+        constant = np.array([number for _, number, _ in rows], np.int64)
+        answer = Answer(self._records, measured, self._packet, constant, self._clock)
+        self._cycle.sending = self._packet.ctypes.data
+        plant = answer, self._plant.moving, self._plant.beside
+        self._take = bound(kernels.take, (*plant, *door.arrays))
+        self._go_on = bound(kernels.go_on, (*plant, door.slots))
+
+
+def _bytes(number: int) -> bytes:
+    """Return the bytes of a frame that a kernel keeps as a number."""
+    return int(number).to_bytes(8, "little", signed=True)

@@ -1,0 +1,175 @@
+"""Answers of a kernel in place of the simulated CANopen devices: they are those of the devices."""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+
+import numpy as np
+import pytest
+from rig_bench import canopen_rig, changed, plant_config
+
+from teleop_rt_drivers.can_frames import FRAME
+from teleop_rt_drivers.opening import open_rig
+from teleop_rt_drivers.simulated.faults import FaultyWire
+from teleop_rt_drivers.unix_bus import UnixBus
+
+ENCODER, FORCE, DRIVE, DAEMON = 0x10, 0x20, 0x30, 127
+NMT, SYNC, COMMAND, HEARTBEAT, SDO = 0x000, 0x080, 0x230, 0x700, 0x600
+UP = (0x06, 0x07, 0x0F)
+PDOS = range(0x180, 0x580)
+SLOWEST_NS = 40_000_000
+"""A step that takes longer is no case: the devices take its frames for younger than they are."""
+
+
+class TooSlowError(Exception):
+    """The machine was busy with something else."""
+
+
+class Side:
+    """A simulated rig, and the frames that a daemon exchanges with it.
+
+    `steps` says whether the rig follows a clock that the test moves, in which no kernel answers.
+    """
+
+    def __init__(self, channel: str, *, steps: bool, plant) -> None:
+        self.now_ns = time.monotonic_ns()
+        self._steps = steps
+        clock = (lambda: self.now_ns) if steps else time.monotonic_ns
+        rig = changed(canopen_rig(), bus={"channel": channel})
+        self.rig = open_rig(rig, plant, clock, 5)
+        self.end = UnixBus(channel)
+        self.network = self.rig.networks[0]
+        self.truths: list[list[float]] = []
+        self.rig.on_truth = self.truths.append
+        self.network.serve_once()  # meets the other end
+        self.rig.power_on()
+        self.heard()
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        frames = self.end.waiting_frames(256)
+        return [(name, bytes(data)) for name, data, _ in frames if name & 0x780 != HEARTBEAT]
+
+    def step(self, stamp_ns: int, *frames: tuple[int, bytes]) -> list[tuple[int, bytes]]:
+        """The answers to frames that were sent together, then."""
+        self.now_ns = stamp_ns
+        sent_ns = 0 if self._steps else stamp_ns
+        packet = b"".join(FRAME.pack(name, len(data), data, sent_ns) for name, data in frames)
+        os.write(self.end.door.door.descriptor, packet)
+        self.network.serve_once()
+        if time.monotonic_ns() - stamp_ns > SLOWEST_NS:
+            raise TooSlowError
+        return self.heard()
+
+    def close(self) -> None:
+        self.end.shutdown()
+        self.rig.close()
+
+
+class Both:
+    """Two rigs that get the same frames; all that they answer has to be equal."""
+
+    def __init__(self, folder, **plant) -> None:
+        config = plant_config(**plant)
+        self.kernel = Side(str(folder / "kernel"), steps=False, plant=config)
+        self.python = Side(str(folder / "python"), steps=True, plant=config)
+        self.answers = 0
+        self._random = np.random.default_rng(3)
+        self._target = 0
+        for node in (ENCODER, FORCE, DRIVE):
+            self.step((NMT, bytes((1, node))))
+        self.step((SDO + DRIVE, struct.pack("<BHBB3x", 0x2F, 0x6060, 0, 8)))
+
+    def step(self, *frames: tuple[int, bytes]) -> None:
+        stamp_ns = time.monotonic_ns()
+        answers = self.kernel.step(stamp_ns, *frames)
+        # The two plants began at different times, and the frames of this step come at one.
+        assert answers == self.python.step(stamp_ns, *frames)
+        self.answers += len(answers)
+
+    def cycles(self, count: int, control: int, together: bool) -> None:
+        """Cycles of a daemon whose target wanders."""
+        for cycle in range(count):
+            self._target += int(self._random.integers(-300, 500))
+            command = COMMAND, struct.pack("<Hhi", control, 0, self._target)
+            beat = [(HEARTBEAT + DAEMON, b"\x05")] if cycle % 10 == 9 else []
+            if together:
+                self.step((SYNC, b""), *beat, command)
+            else:
+                self.step((SYNC, b""))
+                self.step(*beat, command)
+
+    def inject(self, fault: str, device: str) -> None:
+        for side in (self.kernel, self.python):
+            side.rig.inject(fault, device)
+            side.heard()
+
+    def heal(self, device: str) -> None:
+        for side in (self.kernel, self.python):
+            side.rig.heal(device)
+
+    def close(self) -> None:
+        self.kernel.close()
+        self.python.close()
+
+
+def enabled_then_faults(both: Both, together: bool) -> None:
+    for control in (0x00, *UP):
+        both.cycles(15, control, together)
+    both.cycles(100, 0x0F, together)
+    both.step((SDO + DRIVE, struct.pack("<BHB4x", 0x40, 0x607A, 0)))  # reads the last target
+    for fault, device in (("freeze", "encoder"), ("corrupt", "force sensor"), ("delay", "drive")):
+        both.inject(fault, device)
+        both.cycles(5, 0x0F, together)
+        both.heal(device)
+        both.cycles(5, 0x0F, together)
+    both.inject("emergency", "force sensor")
+    both.cycles(5, 0x0F, together)
+    both.step((COMMAND, b"\x0f\x00"))  # too short: an emergency
+    both.cycles(5, 0x0F, together)
+    both.step((SDO + DRIVE, struct.pack("<BHBI", 0x23, 0x607F, 0, 10_000)))  # slower
+    both.cycles(20, 0x0F, together)
+    both.inject("over_temperature", "drive")
+    both.cycles(10, 0x0F, together)
+    for control in (0x80, *UP):
+        both.cycles(5, control, together)
+    both.step((NMT, bytes((0x80, ENCODER))))
+    both.cycles(5, 0x0F, together)
+    both.inject("reset", "drive")
+    both.cycles(5, 0x0F, together)
+
+
+@pytest.mark.parametrize("together", [False, True])
+@pytest.mark.parametrize(
+    "undeclared", [(), ({"effect": "force_bias", "bias": 1.0},)], ids=["plain", "hidden"]
+)
+def test_the_kernel_answers_what_the_devices_answer(tmp_path, monkeypatch, together, undeclared):
+    by_python: list[object] = []
+    send = FaultyWire.send
+
+    def noted(wire, can_id, data):
+        if can_id in PDOS:
+            by_python.append(wire)
+        send(wire, can_id, data)
+
+    monkeypatch.setattr(FaultyWire, "send", noted)
+    for attempt in range(20):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        by_python.clear()
+        both = Both(folder, undeclared=undeclared)
+        try:
+            enabled_then_faults(both, together)
+        except TooSlowError:
+            continue
+        finally:
+            both.close()
+        break
+    else:
+        pytest.fail("the machine is too busy")
+    assert both.answers > 700
+    of_wires = [sum(one is wire for one in by_python) for wire in set(by_python)]
+    assert len(of_wires) == 2
+    assert min(of_wires) < 0.3 * max(of_wires), "a kernel answered most"
+    assert both.kernel.truths == both.python.truths
