@@ -120,7 +120,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "confirmed unweighted": ("inference.confirmed:confirmed_unweighted", first),
     "confirmed on blocks": ("inference.on_blocks:OnBlocks.confirm", always(value=True)),
     "no noise": ("noise.not_noise:not_noise", always([])),
-    "noise of air after blocks": ("inference.confirmed:_leaves_noise", NEVER),
+    "noise of air after blocks": ("inference.confirmed:_is_hidden", NEVER),
     "weights that predict worse": ("inference.confirmed:_predicts_worse", NEVER),
     "beside the unknown": ("inference.discrepancy:needs_unknown_remainder", NEVER),
     "empty extension of a set": ("inference.explanation:_special_case_fits_as_well", NEVER),

@@ -154,6 +154,18 @@ def test_what_no_effect_explains_is_missing_unless_noise_hides_it(seed: int, hid
     assert ("hides in the noise" in notes) is hidden
 
 
+@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize(("share", "verdict"), [(0.08, "no_missing_effect"), (0.2, "named")])
+def test_a_hum_is_missing_if_it_lowers_the_error_by_half_a_percent(
+    share: float, verdict: str, seed: int
+) -> None:
+    """A hum of a tenth of the noise's deviation does. The recording shows both sizes for sure."""
+    hum = 2.0**0.5 * share * NOISE_N * np.sin(2.0 * np.pi * 7.3 * _T)
+    found, notes = _judged(_recorded(_swung(), hum, seed))
+    assert found == verdict
+    assert ("a trace of periodic_disturbance hides in the noise" in notes) is (share == 0.08)
+
+
 def _red(seed: int) -> Row:
     noise = np.random.default_rng(seed).standard_normal(_T.size)
     for i in range(1, noise.size):

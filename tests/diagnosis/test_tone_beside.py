@@ -62,14 +62,3 @@ def test_a_resonance_that_leaks_through_the_gaps_of_touches_is_no_tone() -> None
     force += 0.19 * rings / np.std(rings)
     answer = diagnose(from_arrays("rings", t, 2e-7 * np.round(x / 2e-7), force), surface=0.0).answer
     assert answer["verdict"] == "no_missing_effect"
-
-
-@pytest.mark.parametrize(("share", "small"), [(0.15, True), (1.0, False)])
-def test_a_note_says_that_what_is_named_hides_in_the_noise(share: float, small: bool) -> None:
-    t = np.arange(0.0, 12.0, DT)
-    x = 0.02 * np.sin(2 * np.pi * 0.41 * t) + 0.006 * np.sin(2 * np.pi * 1.13 * t)
-    force = 300.0 * x + 4.0 * np.gradient(x, DT) + share * NOISE_N * np.sin(2 * np.pi * 57.8 * t)
-    force += NOISE_N * np.random.default_rng(9).standard_normal(t.size)
-    answer = diagnose(from_arrays("tone", t, x, force), "spring,viscous,bias").answer
-    assert answer["class"] == [["periodic_disturbance"]]
-    assert ("what is named is small" in " ".join(answer["notes"])) is small

@@ -19,7 +19,12 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.diagnosis.answers.answer import fill
-from teleop_rt.diagnosis.criteria import CERTAIN_BIC, DOUBT_WEIGHT, ENCODER_ENERGY_RATIO
+from teleop_rt.diagnosis.criteria import (
+    CERTAIN_BIC,
+    DOUBT_WEIGHT,
+    ENCODER_ENERGY_RATIO,
+    HIDDEN_SHARE,
+)
 from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import bounds, nonlinear_amplitude, phases
@@ -56,6 +61,7 @@ def detectable(
     shift = force_of_a_step(problem, base, step, own)
     left = lack_of_fit(problem, base, own)
     doubted = left.noise_per_direction * (1.0 + DOUBT_WEIGHT * left.doubt)
+    form_error = max(form_error, HIDDEN_SHARE * problem.whitener.samples)
     found = []
     for effect in {one.name: one for one in reversed(effects)}.values():
         if effect.acts != "adds_force" and not nonlinear_amplitude(effect):

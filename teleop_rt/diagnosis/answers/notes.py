@@ -26,7 +26,6 @@ STEPS_OF_MOTION = (
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """Of the force's deviation; a larger error suggests that the recording is of another object."""
-_NEARLY = 0.98  # of the base's error; what lowers it by less is of no use for a prediction
 _ROUNDED = 1e-3  # of a probability, as the answer states it
 _LEAST_OF_TIME = 0.1
 """Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
@@ -151,12 +150,6 @@ def _of_errors(answer: dict[str, Any]) -> list[str]:
             " of the same motion, or choose another base"
         )
     missed, before = (error["std_normalised"][key] for key in ("after", "before"))
-    if answer["class"] and missed and before and _NEARLY * before < missed <= before:
-        found.append(
-            f"what is named is small: it lowers the error on the {error['on']} by"
-            f" {100.0 * (1.0 - missed / before):.1g} %, which the noise hides; the base alone"
-            " predicts as well"
-        )
     if missed is not None and missed > (before or np.inf):
         found.append(
             f"the answer does not predict: its error on the {error['on']} is larger than that of"

@@ -9,6 +9,7 @@ from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.answers.errors import Blocks
 from teleop_rt.diagnosis.criteria import (
     EXCESS_NOISE_RATIO,
+    HIDDEN_SHARE,
     NAMED_SHARE,
     PARTIAL_SHARE,
     REDRAWN_NOISE_RATIO,
@@ -19,7 +20,7 @@ from teleop_rt.diagnosis.inference.discrepancy import (
 )
 from teleop_rt.diagnosis.inference.explanation import likelihoods
 from teleop_rt.diagnosis.inference.on_blocks import OnBlocks
-from teleop_rt.diagnosis.inference.ranked import family_of, leaves_structure
+from teleop_rt.diagnosis.inference.ranked import Ranked, family_of, leaves_structure
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE, Diagnosis
 from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models import held_out
@@ -30,7 +31,6 @@ from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.recordings.recording import Recording
 
-_HIDDEN_SHARE = 0.02  # of the noise's energy: an effect of a seventh of the noise's deviation
 _HIDDEN = (
     "a small force that no effect describes hides in the noise: a longer recording, or a quieter"
     " sensor, would show it"
@@ -65,6 +65,8 @@ def confirmed(recording: Recording, weighed: Diagnosis, effects: tuple[Effect, .
     """
     if weighed.judgement.verdict == "no_missing_effect":
         return _nothing_missing(weighed)
+    if weighed.judgement.sets and _is_hidden(weighed, weighed.judgement.sets[0]):
+        return _hiding(weighed, _trace_of(weighed))
     enter("confirming by an unweighted fit")
     found, plain = _confirmed(weighed)
     if found is not None:
@@ -73,10 +75,8 @@ def confirmed(recording: Recording, weighed: Diagnosis, effects: tuple[Effect, .
             return made
     found = judge_with_unknown_remainder(plain, recording, effects)
     made = _confirmed_on_blocks(weighed, found, found)
-    if made.found.judgement.verdict == "unexplained" and _leaves_noise(weighed):
-        nothing = replace(weighed.judgement, verdict="no_missing_effect", sets=(), family=None)
-        made = _nothing_missing(replace(weighed, judgement=nothing))
-        return replace(made, signs=made.signs or [_HIDDEN])
+    if made.found.judgement.verdict == "unexplained" and _is_hidden(weighed):
+        return _hiding(weighed, _HIDDEN)
     return made
 
 
@@ -86,6 +86,23 @@ def _nothing_missing(weighed: Diagnosis) -> Judged:
         unexplained = replace(weighed.judgement, verdict="unexplained")
         weighed = replace(weighed, judgement=unexplained)
     return replace(_confirmed_on_blocks(weighed, weighed, weighed), signs=signs)
+
+
+def _hiding(weighed: Diagnosis, note: str) -> Judged:
+    """Return the judgement that nothing is missing but what the noise hides."""
+    nothing = replace(weighed.judgement, verdict="no_missing_effect", sets=(), family=None)
+    made = _nothing_missing(replace(weighed, judgement=nothing))
+    return replace(made, signs=made.signs or [note])
+
+
+def _trace_of(weighed: Diagnosis) -> str:
+    """Return the note on a set that the noise hides."""
+    fit = weighed.judgement.sets[0].fit
+    lowers = 1.0 - weighed.left_by(fit) / weighed.left_by(weighed.base)
+    return (
+        f"a trace of {' and '.join(fit.names)} hides in the noise: it would lower the error by"
+        f" {max(lowers, 0.0):.1%}, so the base alone predicts as well"
+    )
 
 
 def _confirmed_on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis) -> Judged:
@@ -101,17 +118,22 @@ def _confirmed_on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis)
     return Judged(weighed, plain, found, blocks)
 
 
-def _leaves_noise(weighed: Diagnosis) -> bool:
-    """Return whether the base alone leaves no more than noise, or what that hides.
+def _is_hidden(weighed: Diagnosis, named: Ranked | None = None) -> bool:
+    """Return whether the base leaves noise, and beside it no more than what noise hides.
 
-    A narrow band of noise looks like a tone until the blocks refute it. Every rig hums, or rubs, a
-    little: what nothing explains and the noise hides is no missing effect.
+    That is what the `named` set, if any, explains of it, and the structure, of which chance may be
+    half. A narrow band of noise looks like a tone until the blocks refute it.
     """
     problem, base = weighed.problem, weighed.base
-    left = lack_of_fit(problem, base, tangent_space(problem, base))
-    if left.excess > _HIDDEN_SHARE * problem.whitener.effective:
+    left = weighed.left_by(base)
+    beside = 0.5 * lack_of_fit(problem, base, tangent_space(problem, base)).excess
+    if named is not None:
+        beside = max(beside, named.gain)
+        if weighed.left_by(named.fit) < (1.0 - 0.5 * HIDDEN_SHARE) * left:
+            return False
+    if beside > HIDDEN_SHARE * problem.whitener.samples:
         return False
-    return weighed.left_by(base) <= REDRAWN_NOISE_RATIO * weighed.noise_levels(base).lawless
+    return left <= REDRAWN_NOISE_RATIO * weighed.noise_levels(base).lawless
 
 
 def _confirmed(weighed: Diagnosis) -> tuple[Diagnosis | None, Diagnosis]:

@@ -57,6 +57,11 @@ class Whitener:
         """Number of independent values in the band that the mask leaves."""
         return 2.0 * self.bins * self.kept
 
+    @property
+    def samples(self) -> float:
+        """Number of samples in use, whatever their frequencies."""
+        return float(self.mask.size * self.kept)
+
     @cached_property
     def kept(self) -> float:
         """Share of the samples that the mask leaves."""
