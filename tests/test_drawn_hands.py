@@ -65,16 +65,16 @@ def test_a_tool_that_was_turned_back_in_a_damped_body_does_not_return_at_its_fas
 
 @pytest.mark.parametrize("still", [False, True])
 def test_a_row_of_five_by_tremor_alone_is_no_oscillation(monkeypatch, still):
-    """Trial 611409 with seed 10 makes rows of five near its tremor of 1.1 N; without it, none.
+    """Trial 611409 with seed 76 makes rows of five near its tremor of 1.1 N; without it, none.
 
     The same hand on the wall that was rendered, continuous and unchanging, trembles in the same
     places; what is left of the motion without that is no row of three.
     """
-    drawn = campaign_hands.draw(611409, 4.2)
-    changes = [*drawn.changes, "seed=10", *(["operator.hand.tremor_N=0"] if still else [])]
+    drawn = campaign_hands.draw(611409, 6.0)
+    changes = [*drawn.changes, "seed=76", *(["operator.hand.tremor_N=0"] if still else [])]
     changed = replace(drawn, changes=changes)
     monkeypatch.setattr(campaign_hands, "draw", lambda *_: changed)
-    found = campaign_hands.run(611409, 4.2)
+    found = campaign_hands.run(611409, 6.0)
     assert found["hands_own"] is not still
     assert found["swings"] < campaign_hands.SUSTAINED
     assert found["holds"], found
