@@ -123,6 +123,16 @@ def test_a_force_that_jumps_between_two_levels_is_no_noise(seed: int) -> None:
     assert "jumps between two levels" in notes
 
 
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_a_motor_that_runs_up_is_no_noise(seed: int) -> None:
+    """Its unbalance is a tone from 3 to 17 Hz that grows: a spectrum sees noise of that band."""
+    turned = 2.0 * np.pi * (3.0 * _T + 7.0 * _T**2 / _T[-1])
+    shaking = 0.05 * (0.3 + _T / _T[-1]) * np.sin(turned)
+    verdict, notes = _judged(_recorded(_swung(), shaking, seed))
+    assert verdict == "unexplained"
+    assert "frequency changes" in notes
+
+
 @pytest.mark.parametrize("seed", [11, 12, 13, 14])
 def test_pulses_at_moments_of_their_own_are_no_noise(seed: int) -> None:
     rng, pulses = np.random.default_rng(200 + seed), np.zeros(_T.size)

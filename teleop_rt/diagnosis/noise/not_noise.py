@@ -35,7 +35,8 @@ _PULSE_SIGMAS = 3.0  # of a residual, at which its values are cut: some rare sam
 _STROKES = 4  # of a window in which a residual may follow the motion: two cycles
 _FEWEST_WINDOWS = 4  # of fewer, noise of a narrow band follows by chance
 _FOLLOWING, _FOLLOWING_RATIO = 0.5, 4.0  # share of a window's power; odds over those of draws
-_FLATTEST = 1.8  # kurtosis of an even distribution; one of two levels has 1, Gaussian noise 3
+_WINDOWS = 24  # of a recording, in each of which the kurtosis of a residual is taken
+_FLATTEST = 1.8  # kurtosis of an even distribution; two levels have 1, a tone 1.5, noise has 3
 
 
 class Signature(NamedTuple):
@@ -43,8 +44,8 @@ class Signature(NamedTuple):
 
     `repeats` is the correlation of its halves by place, `levels` the largest deviation of a group
     of samples over the smallest, by speed and by position, `skew` how far it lies to one side,
-    without its sign, `flatness` the kurtosis, and `follows` the share that a few cycles of the
-    motion explain.
+    without its sign, `flatness` the kurtosis within short times, and `follows` the share that a few
+    cycles of the motion explain.
     """
 
     repeats: float
@@ -89,8 +90,9 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
         )
     if seen.flatness < min(_FLATTEST, float(np.min(flatness))):
         found.append(
-            "what the base leaves looks like noise, but jumps between two levels: check plugs and"
-            " wires of the force sensor, and its mount for play"
+            "what the base leaves looks like noise, but has an even amplitude: it jumps between two"
+            " levels (check plugs and wires of the force sensor, and its mount for play), or is a"
+            " tone whose frequency changes, as of a motor that runs up"
         )
     if seen.follows > _FOLLOWING and _odds(seen.follows) > _FOLLOWING_RATIO * _odds(max(follows)):
         found.append(
@@ -117,7 +119,7 @@ def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> 
         _repeats(rest, motion.x[used], motion.v[used]),
         np.array([_level_ratio(rest[order]) for order in orders]),
         _skew(rest, _PULSE_SIGMAS * float(np.sqrt(power))),
-        float(np.mean(rest**4)) / power**2,
+        _flatness(rest),
         _follows(rest, motion.x[used], motion.v[used]),
     )
 
@@ -127,6 +129,15 @@ def _skew(rest: Vector, most: float) -> float:
     row -= np.mean(row)
     power = max(float(np.mean(row**2)), 1e-300)
     return abs(float(np.mean(row**3))) / math.pow(power, 1.5)
+
+
+def _flatness(rest: Vector) -> float:
+    """Return the median kurtosis of windows, which a slow change of the level leaves as it is."""
+    found = []
+    for window in np.array_split(rest, _WINDOWS):
+        row = window - np.mean(window)
+        found.append(float(np.mean(row**4)) / max(float(np.mean(row**2)) ** 2, 1e-300))
+    return float(np.median(found))
 
 
 def _repeats(rest: Vector, x: Vector, v: Vector) -> float:
