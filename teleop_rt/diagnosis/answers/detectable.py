@@ -54,21 +54,22 @@ def detectable(
 
     `floor` are whitened force errors of the encoder (draws x values), `step` is its step [rig
     unit], within which the surface is free. `form_error` is the energy that the forms of the named
-    laws may miss [chi-square]: a second effect must gain more. `size` is None where no size within
-    the effect's bounds would. Effects whose size is no amplitude (lags, limits) are left out.
+    laws may miss [chi-square]: a second effect must gain more, and any effect more than what the
+    noise hides. `size` is None where no size within the effect's bounds would. Effects whose size
+    is no amplitude (lags, limits) are left out.
     """
     own = tangent_space(problem, base)
     shift = force_of_a_step(problem, base, step, own)
     left = lack_of_fit(problem, base, own)
     doubted = left.noise_per_direction * (1.0 + DOUBT_WEIGHT * left.doubt)
-    form_error = max(form_error, HIDDEN_SHARE * problem.whitener.samples)
+    hidden = HIDDEN_SHARE * problem.whitener.samples
     found = []
     for effect in {one.name: one for one in reversed(effects)}.values():
         if effect.acts != "adds_force" and not nonlinear_amplitude(effect):
             continue
         parameters = 1 + len(effect.shapes)
         odds = CERTAIN_BIC + parameters * float(np.log(problem.whitener.effective))
-        least = max(doubted * odds, form_error)
+        least = max(doubted * odds, form_error, hidden)
         size_of = partial(
             _size, own=own, shift=shift, floor=floor, least=least, chance=left.noise_per_direction
         )

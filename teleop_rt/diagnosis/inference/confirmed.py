@@ -119,19 +119,19 @@ def _confirmed_on_blocks(weighed: Diagnosis, plain: Diagnosis, found: Diagnosis)
 
 
 def _is_hidden(weighed: Diagnosis, named: Ranked | None = None) -> bool:
-    """Return whether the base leaves noise, and beside it no more than what noise hides.
+    """Return whether the base leaves noise alone, or beside it a force that the noise hides.
 
-    That is what the `named` set, if any, explains of it, and the structure, of which chance may be
-    half. A narrow band of noise looks like a tone until the blocks refute it.
+    The force is that of the `named` set, if any, and of the structure in the base's residual; half
+    of the structure's energy may be chance. A narrow band of noise looks like a tone until the
+    blocks refute it.
     """
     problem, base = weighed.problem, weighed.base
+    structure = lack_of_fit(problem, base, tangent_space(problem, base)).excess
+    explained = 0.0 if named is None else named.gain
+    if max(0.5 * structure, explained) > HIDDEN_SHARE * problem.whitener.samples:
+        return False
     left = weighed.left_by(base)
-    beside = 0.5 * lack_of_fit(problem, base, tangent_space(problem, base)).excess
-    if named is not None:
-        beside = max(beside, named.gain)
-        if weighed.left_by(named.fit) < (1.0 - 0.5 * HIDDEN_SHARE) * left:
-            return False
-    if beside > HIDDEN_SHARE * problem.whitener.samples:
+    if named is not None and weighed.left_by(named.fit) < (1.0 - 0.5 * HIDDEN_SHARE) * left:
         return False
     return left <= REDRAWN_NOISE_RATIO * weighed.noise_levels(base).lawless
 
