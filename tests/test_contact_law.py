@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.contact.law import (
-    depth_of,
+    spring_depth,
     spring_energy,
     spring_force,
     spring_force_of_log,
@@ -56,7 +56,7 @@ def test_depth_and_slope_of_a_spring_belong_to_its_force(exponent):
     for x, _, _ in MOTIONS:
         if x > 0.0:
             force = spring_force(x, 900.0, exponent)
-            assert depth_of(force, 900.0, exponent) == pytest.approx(x, rel=1e-12)
+            assert spring_depth(force, 900.0, exponent) == pytest.approx(x, rel=1e-12)
             rise = spring_force(1.001 * x, 900.0, exponent) - spring_force(
                 0.999 * x, 900.0, exponent
             )

@@ -60,7 +60,7 @@ def spring_energy(depth: float, stiffness: float, exponent: float) -> float:
 
 
 @shared
-def depth_of(force: float, stiffness: float, exponent: float) -> float:
+def spring_depth(force: float, stiffness: float, exponent: float) -> float:
     """Return the depth at which k xⁿ is a force >= 0."""
     depth: float = (force / stiffness) ** (1.0 / exponent)
     return depth

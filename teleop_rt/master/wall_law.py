@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from teleop_rt.contact.law import damping_at, depth_of, spring_energy, spring_force, touches
+from teleop_rt.contact.law import damping_at, spring_depth, spring_energy, spring_force, touches
 from teleop_rt.kernels.jit import kernel, shared
 
 _LARGEST_LOGARITHM = 700.0
@@ -68,7 +68,7 @@ def stretch_of(law: DepthLaw, force: float) -> float:
     at_knee = math.inf if math.isinf(law.knee) else spring_force(law.knee, law.k, law.n)
     if force > at_knee:
         return law.knee + (force - at_knee) / law.stiffest
-    return depth_of(force, law.k, law.n)
+    return spring_depth(force, law.k, law.n)
 
 
 @shared

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from teleop_rt.contact.law import depth_of, spring_slope
+from teleop_rt.contact.law import spring_depth, spring_slope
 from teleop_rt.master.passivity import PassivityBound, Port
 from teleop_rt.master.rendered_effects import RenderedEffect
 from teleop_rt.master.walls import Wall
@@ -65,7 +65,7 @@ def _slopes_of_model(wall: Wall, force_max: float, velocity_max: float) -> tuple
 
 def _deepest(wall: Wall, force_max: float) -> float:
     """Return the depth at which the spring gives `force_max`, within any device's travel."""
-    return min(depth_of(force_max, wall.k, wall.n), _LONGEST_TRAVEL)
+    return min(spring_depth(force_max, wall.k, wall.n), _LONGEST_TRAVEL)
 
 
 def _parts_of_model(

@@ -14,7 +14,7 @@ LEAST_EXPONENT = 0.1
 
 
 @kernel
-def depth_of(t: Tick, force: float, velocity: float) -> float:
+def model_depth(t: Tick, force: float, velocity: float) -> float:
     """Return the depth at which the model in use reaches `force`; infinite while unknown.
 
     The damping force at this velocity, when it goes deeper, is subtracted from the spring's. An
@@ -38,8 +38,8 @@ def depth_cap(t: Tick) -> float:
     In contact the model only says how much further the measured force leaves room: so an error
     of the surface, or of the stiffness so far, is none of the cap.
     """
-    deepest = depth_of(t, DEPTH_SHARE * t.force_cap, t.velocity)
+    deepest = model_depth(t, DEPTH_SHARE * t.force_cap, t.velocity)
     if t.in_contact > 0 and math.isfinite(deepest):
-        room = deepest - depth_of(t, t.force, t.velocity)
+        room = deepest - model_depth(t, t.force, t.velocity)
         deepest = min(deepest, t.position - t.surface + room)
     return deepest

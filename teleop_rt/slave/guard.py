@@ -36,6 +36,7 @@ from __future__ import annotations
 
 import math
 
+from teleop_rt.contact.law import touches
 from teleop_rt.kernels.jit import kernel
 from teleop_rt.slave.pace import DEPTH_SHARE, PROBING_SHARE, stopping_speed
 from teleop_rt.slave.record import Tick, TickRecord
@@ -92,7 +93,7 @@ def force_ahead(t: Tick, position: float, force: float) -> float:
 def depth_by_secant(t: Tick, depth: float, force: float) -> float:
     """Return the depth of DEPTH_SHARE of the cap by measurement; infinite while unknown."""
     t.secant *= t.fading
-    if depth > 0.0 and force > PROBING_SHARE * t.force_cap:
+    if touches(depth) and force > PROBING_SHARE * t.force_cap:
         t.secant = max(t.secant, force / depth)
     if t.secant > 0.0:
         return DEPTH_SHARE * t.force_cap / t.secant
@@ -107,11 +108,11 @@ def remember_wall(t: Tick, position: float, depth: float, force: float) -> None:
     """
     if depth > t.pressed:
         t.pressed, t.pressed_force = depth, force
-    if depth <= 0.0 and force > PROBING_SHARE * t.force_cap:
+    if not touches(depth) and force > PROBING_SHARE * t.force_cap:
         t.nearer = min(t.nearer, position)
     elif position > t.nearer and force < t.slope_noticed:
         t.nearer = math.inf
-    if depth > 0.0 and force > max(PROBING_SHARE * t.force_cap, t.wall_force):
+    if touches(depth) and force > max(PROBING_SHARE * t.force_cap, t.wall_force):
         t.wall_force, t.wall_stiffness = force, force / depth
 
 
@@ -162,7 +163,7 @@ def guarded(
         steep = max(steep, t.secant)
         if position <= surface and math.isfinite(t.stiffest):
             steep = max(steep, t.stiffest)
-    if steep > 0.0 and (presses or position > surface):
+    if steep > 0.0 and (presses or touches(position - surface)):
         room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
         left = room - max(0.0, command - position)
         if left > 0.0:

@@ -4,14 +4,14 @@ import math
 
 import pytest
 
-from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR, depth_of
+from teleop_rt.slave.depth import HUNT_CROSSLEY, LINEAR, model_depth
 from teleop_rt.slave.record import TickRecord
 
 
 def depth(model, force=10.0, *, k=0.0, b=0.0, n=1.0, velocity=0.0):
     tick = TickRecord().tick
     tick.model, tick.model_k, tick.model_b, tick.model_n = model, k, b, n
-    return depth_of(tick, force, velocity)
+    return model_depth(tick, force, velocity)
 
 
 def test_a_spring_gives_force_over_stiffness_and_a_power_law_its_root():
@@ -26,7 +26,7 @@ def test_what_the_damping_takes_on_the_way_in_is_not_left_for_the_spring():
 
 
 def test_without_a_model_no_depth_is_known():
-    assert depth_of(TickRecord().tick, 10.0, 0.0) == math.inf
+    assert model_depth(TickRecord().tick, 10.0, 0.0) == math.inf
 
 
 @pytest.mark.parametrize("n", [-2.0, 0.0, 0.05])
