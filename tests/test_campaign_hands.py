@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from teleop_rt_dev.campaign import hands as campaign_hands
-from teleop_rt_dev.hands import stranger
+from teleop_rt_dev.hands import second_judge
 from teleop_rt_dev.hands.ideal import IdealWall
 from teleop_rt_dev.hands.oscillation import longest_oscillation
 
@@ -112,8 +112,8 @@ def test_the_ideal_wall_is_the_plants_own_law(change, depth_m, force_N):
     assert force[-1] == pytest.approx(force_N, rel=1e-6)
 
 
-def strangers_trial(tremor_N=0.0, tremor_hz=8.0):
-    """A trial.yaml as the stranger's judge reads it: a loose hand on a wall of 3 kN/m."""
+def trial_of_loose_hand(tremor_N=0.0, tremor_hz=8.0):
+    """A trial.yaml as the second judge reads it: a loose hand on a wall of 3 kN/m."""
     trial = trial_of(2)
     plain = campaign_hands.dump(trial, trial.rig.units)
     plain["operator"]["hand"] |= {"tremor_N": tremor_N, "tremor_hz": tremor_hz}
@@ -124,43 +124,43 @@ def strangers_trial(tremor_N=0.0, tremor_hz=8.0):
     return plain
 
 
-def test_the_stranger_finds_what_the_hand_does_not_do_by_itself():
+def test_the_second_judge_finds_what_the_hand_does_not_do_by_itself():
     t = np.arange(3000) * T
     wave = np.sin(2 * np.pi * 8 * t)
-    assert stranger.judge(strangers_trial(), 1e-3 * wave, 3.0 * wave)
-    assert not stranger.judge(strangers_trial(), 1e-3 * wave, 0.2 * wave)
-    assert not stranger.judge(strangers_trial(), 0.05e-3 * wave, 3.0 * wave)
+    assert second_judge.judge(trial_of_loose_hand(), 1e-3 * wave, 3.0 * wave)
+    assert not second_judge.judge(trial_of_loose_hand(), 1e-3 * wave, 0.2 * wave)
+    assert not second_judge.judge(trial_of_loose_hand(), 0.05e-3 * wave, 3.0 * wave)
     decays = np.exp(-3 * t) * wave
-    assert not stranger.judge(strangers_trial(), 1e-3 * decays, 3.0 * decays)
+    assert not second_judge.judge(trial_of_loose_hand(), 1e-3 * decays, 3.0 * decays)
 
 
-def test_the_stranger_leaves_a_trembling_hand_its_own_swings():
-    trial = strangers_trial(tremor_N=1.5)
-    body = stranger.Body.of_plant(trial["plant"])
-    own = stranger.against(body, trial, 3000, T, chance=100)
+def test_the_second_judge_leaves_a_trembling_hand_its_own_swings():
+    trial = trial_of_loose_hand(tremor_N=1.5)
+    body = second_judge.Body.of_plant(trial["plant"])
+    own = second_judge.against(body, trial, 3000, T, chance=100)
     assert own
     t = np.arange(3000) * T
     worst = max(own, key=lambda row: row.swings)
     wave = np.sin(2 * np.pi * worst.hz * t)
     motion, force = 0.5 * worst.size_m * wave, 0.5 * worst.size_m * worst.stiffness * wave
-    assert not stranger.judge(trial, motion, force)
+    assert not second_judge.judge(trial, motion, force)
     larger = 5 * max(row.size_m for row in own) / worst.size_m
-    assert stranger.judge(trial, larger * motion, larger * force)
+    assert second_judge.judge(trial, larger * motion, larger * force)
 
 
-def test_the_stranger_reads_hidden_effects_with_and_without_units():
-    plant = strangers_trial()["plant"]
+def test_the_second_judge_reads_hidden_effects_with_and_without_units():
+    plant = trial_of_loose_hand()["plant"]
     short = {"effect": "second_layer", "stiffness": 5000.0, "depth": 0.004}
     long = {"effect": "second_layer", "stiffness_N_per_m": 5000.0, "depth_m": 0.004}
     for layer in (short, long):
-        body = stranger.Body.of_plant(plant | {"undeclared": [layer]})
+        body = second_judge.Body.of_plant(plant | {"undeclared": [layer]})
         wall = body.numbers
-        force = stranger.wall_force(wall, wall[0] + 0.006, 0.0, 0.0)
+        force = second_judge.wall_force(wall, wall[0] + 0.006, 0.0, 0.0)
         assert force == pytest.approx(3000 * 0.006 + 5000 * 0.002)
 
 
-def test_the_stranger_shares_no_code_with_the_project():
-    text = Path(stranger.__file__).read_text(encoding="utf-8")
+def test_the_second_judge_shares_no_code_with_the_project():
+    text = Path(second_judge.__file__).read_text(encoding="utf-8")
     imports = [line for line in text.splitlines() if line.startswith(("import ", "from "))]
     assert imports
     assert not [line for line in imports if "teleop_rt" in line or line.startswith("from .")]

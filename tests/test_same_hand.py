@@ -58,7 +58,7 @@ def seen(tremor_N, swing_m):
     return trial, path, *ideal_motion(trial, wall)
 
 
-@pytest.mark.parametrize("judge", [rows_of, same_hand.strangers_rows])
+@pytest.mark.parametrize("judge", [rows_of, same_hand.second_judges_rows])
 @pytest.mark.parametrize(
     ("tremor_N", "swing_m", "own"), [(1.5, 0.0, True), (0.0, 1e-3, False), (0.3, 1e-3, False)]
 )
@@ -108,7 +108,7 @@ def pushed_out():
     return trial, rendered_path(wall.path), *motion
 
 
-@pytest.mark.parametrize("judge", [rows_of, same_hand.strangers_rows])
+@pytest.mark.parametrize("judge", [rows_of, same_hand.second_judges_rows])
 def test_a_wall_that_pushes_a_hand_out_and_goes_back_unfelt_is_found(judge):
     """It works on the hand at each touch: what it does while nobody feels it is no excuse."""
     trial, path, position, motor = pushed_out()

@@ -113,7 +113,7 @@ def _anothers(folder: Path) -> bool:
 def places(environment: Mapping[str, str] = os.environ) -> list[DaemonFiles]:
     """Return the places of all daemons that can be found from here, running or left behind.
 
-    In a folder that a stranger made, daemons could be listed that do not exist.
+    In a folder that another user made, daemons could be listed that do not exist.
     """
     if environment.get(CHOSEN):
         folders = [Path(environment[CHOSEN])]

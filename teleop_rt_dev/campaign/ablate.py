@@ -54,7 +54,7 @@ Case = tuple[str, Any]  # kind of record, and what makes it
 
 GROUPS = (  # group, generator, surface
     ("null", "own", "given"), ("null", "foreign", "given"), ("single", "own", "given"),
-    ("single", "foreign", "found"), ("pair", "own", "given"), ("stranger", "own", "given"),
+    ("single", "foreign", "found"), ("pair", "own", "given"), ("outside", "own", "given"),
     ("sinusoid", "own", "given"), ("narrow", "foreign", "given"),
 )  # fmt: skip
 JUDGEMENTS = ("inference.verdict:judge", "inference.explanation:explain")

@@ -10,9 +10,9 @@ nothing is shared with what the product watches. A hand that reacts late is no p
 oscillation counts only where the same hand makes none against an ideal wall, which a fine
 integration renders: the true one, a spring as soft as the one that was rendered, on which tremor
 moves a hand further, and the continuous wall that was rendered then, and that never changes
-(`hands/same_hand.py`). A second judge, `hands/stranger.py`, which shares no code with the project
-or with the first, finds what it calls shaking; what the same hand does on that last wall is its own
-there, too. A trial in which either finds an oscillation does not hold.
+(`hands/same_hand.py`). The second judge (`hands/second_judge.py`) shares no code with the project
+or with the first, and has its own definition of shaking; it, too, leaves the hand the swings that
+the same hand makes on that last wall. A trial in which either finds an oscillation does not hold.
 Energy is that which a contact gives back beyond what the hand put into it; a surface that moves by
 itself may do its own work, |f| times its fastest speed, on top of the tank.
 Prints a table by kind of wall. Exits with 1 where a trial does not hold.
@@ -44,8 +44,8 @@ from teleop_rt_dev.hands.oscillation import (
     longest_oscillation,
     rows_of,
 )
-from teleop_rt_dev.hands.same_hand import Rendered, is_own, strangers_rows, timed, whole
-from teleop_rt_dev.hands.stranger import judge as strangers_judge
+from teleop_rt_dev.hands.same_hand import Rendered, is_own, second_judges_rows, timed, whole
+from teleop_rt_dev.hands.second_judge import judge as second_judge
 from teleop_rt_dev.paths import TRIALS
 
 TRIAL = TRIALS / "handle.yaml"
@@ -81,12 +81,12 @@ def run(number: int, seconds: float) -> dict[str, Any]:
         one.master.let_go()
     truth = np.array(rows)
     found = judge(trial, truth, outcome, rendered)
-    found |= {"slave_fault": slave} | strangers(trial, truth, rendered)
+    found |= {"slave_fault": slave} | by_second_judge(trial, truth, rendered)
     share = np.array(tool_N) / trial.slave.force_cap
     found |= {"tool_over_cap": float(share.max())}
     found |= {"tool_over_cap_ms": longest_ms(share > 1.0, trial.master.rate_hz)}
     found["holds"] &= slave == "none" and tool_is_kept(found)
-    found["holds"] &= found["strangers_swings"] < SUSTAINED
+    found["holds"] &= found["second_judges_swings"] < SUSTAINED
     return {"trial": number, "handle": drawn.handle, "wall": drawn.kind} | found
 
 
@@ -102,18 +102,18 @@ def longest_ms(over: NDArray[np.bool_], rate_hz: int) -> float:
     return 1e3 / rate_hz * max(map(len, words), default=0)
 
 
-def strangers(trial: TrialConfig, truth: Rows, rendered: Rendered) -> dict[str, Any]:
+def by_second_judge(trial: TrialConfig, truth: Rows, rendered: Rendered) -> dict[str, Any]:
     """Return the longest row of swings that the other judge finds beyond the hand's own share."""
     plain, motion = dump(trial, trial.rig.units), (truth[:, _POSITION], truth[:, _MOTOR])
     found = [
         row
-        for row in whole(strangers_judge(plain, *motion))
-        if not is_own(timed(row), strangers_rows, trial, rendered, *motion)
+        for row in whole(second_judge(plain, *motion))
+        if not is_own(timed(row), second_judges_rows, trial, rendered, *motion)
     ]
     worst = max(found, key=lambda row: row.swings, default=None)
     if worst is None:
-        return {"strangers_swings": 0}
-    return {"strangers_swings": worst.swings, "strangers_row": asdict(worst)}
+        return {"second_judges_swings": 0}
+    return {"second_judges_swings": worst.swings, "second_judges_row": asdict(worst)}
 
 
 def judge(
@@ -190,7 +190,7 @@ def given_back(trial: TrialConfig, truth: Rows) -> float:
 
 def table(found: list[dict[str, Any]]) -> str:
     """Return a row for each kind of wall."""
-    head = "| wall | trials | failed | swings | stranger's | given / allowed | above cap [ms] "
+    head = "| wall | trials | failed | swings | second judge's | given / allowed | above cap [ms] "
     head += "| tool / cap | tool above cap [ms] | softened |"
     lines = [head, "| --- " * (head.count("|") - 1) + "|"]
     for kind in (*KINDS, "all"):
@@ -200,7 +200,7 @@ def table(found: list[dict[str, Any]]) -> str:
         share = max(one["given_mJ"] / one["allowed_mJ"] for one in rows)
         cells = (
             kind, len(rows), sum(not one["holds"] for one in rows),
-            max(one["swings"] for one in rows), max(one["strangers_swings"] for one in rows),
+            max(one["swings"] for one in rows), max(one["second_judges_swings"] for one in rows),
             f"{share:.2f}",
             f"{max(one['over_cap_ms'] for one in rows):.0f}",
             f"{max(one['tool_over_cap'] for one in rows):.2f}",

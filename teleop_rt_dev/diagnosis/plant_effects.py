@@ -145,9 +145,8 @@ def sensor(p: SyntheticPlant, effect: str, size: float) -> bool:
     return True
 
 
-def strangers(p: SyntheticPlant, effect: str, size: float) -> bool:
+def outside_library(p: SyntheticPlant, effect: str, size: float) -> bool:
     """Add an effect that the library does not have; return whether `effect` is one."""
-    """Effects that the vocabulary does not have."""
     depth, contact = np.maximum(p.tip, 0.0), p.tip > 0.0
     if effect == "pulsating_stiffness":
         row = depth * np.sin(2 * np.pi * p.rng.uniform(0.7, 3.0) * p.t)
@@ -166,5 +165,5 @@ def strangers(p: SyntheticPlant, effect: str, size: float) -> bool:
     return True
 
 
-ADDING = (kinematics, of_the_material, tool, sensor, strangers)
+ADDING = (kinematics, of_the_material, tool, sensor, outside_library)
 """Each adds an effect if it knows it, and returns whether it does."""

@@ -152,7 +152,7 @@ class SyntheticPlant:
         )
 
 
-STRANGERS = (
+OUTSIDE_LIBRARY = (
     "pulsating_stiffness",
     "tool_resonance",
     "thinning_damper",

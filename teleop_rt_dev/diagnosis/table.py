@@ -48,7 +48,7 @@ def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
         "right effect first, rich, lambda >= 300": rate(strong, "first"),
         "class covers, rich, lambda >= 300": rate(strong, "covered"),
         "wrong name with confidence, rich": rate(group["single"], "wrong_name"),
-        "outside the library: unexplained or family": rate(group["stranger"], "honest"),
+        "outside the library: unexplained or family": rate(group["outside"], "honest"),
         "pairs: both": rate(group["pair"], "covered"),
         "pairs: at least one": rate(group["pair"], "one_of_pair"),
         "pairs: spurious second": rate(group["pair"], "spurious"),
@@ -147,7 +147,7 @@ def wrong(row: Row) -> bool:
         return False
     if row["group"] == "null":
         return bool(row["false_alarm"])
-    if row["group"] == "stranger":
+    if row["group"] == "outside":
         return not row["honest"]
     if row["resolved"] is False:
         return True

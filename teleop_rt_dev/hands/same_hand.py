@@ -33,7 +33,7 @@ from teleop_rt.master.wall_limiter import WallLimiter
 from teleop_rt.master.walls import NO_WALL, Wall
 from teleop_rt_dev.hands.ideal import STEPS, Array, IdealWall, ideal_motion
 from teleop_rt_dev.hands.oscillation import IDEAL_SHARE, SUSTAINED, Swings
-from teleop_rt_dev.hands.stranger import SAME_PITCH, Shaken, shaken
+from teleop_rt_dev.hands.second_judge import SAME_PITCH, Shaken, shaken
 
 Row = TypeVar("Row", Shaken, Swings)
 AROUND_S = 0.5
@@ -171,7 +171,7 @@ def whole(rows: list[Row]) -> list[Row]:
     return [row for i, row in enumerate(rows) if i not in begins]
 
 
-def strangers_rows(position: Array, motor: Array, period_s: float) -> list[Swings]:
+def second_judges_rows(position: Array, motor: Array, period_s: float) -> list[Swings]:
     """Return the rows that the second judge finds in a motion."""
     return [timed(row) for row in shaken(position, motor, period_s)]
 

@@ -110,9 +110,9 @@ def test_two_effects_are_named_together() -> None:
     assert {e["name"] for e in found["effects"]} == {"coulomb_friction", "force_bias"}
 
 
-@pytest.mark.parametrize("stranger", ["pulsating_stiffness", "depth_waves"])
-def test_an_effect_outside_the_vocabulary_is_not_given_a_name(stranger: str) -> None:
-    record = make(61, (stranger,), "silicone", size=0.15, noise=0.01)
+@pytest.mark.parametrize("effect", ["pulsating_stiffness", "depth_waves"])
+def test_an_effect_outside_the_vocabulary_is_not_given_a_name(effect: str) -> None:
+    record = make(61, (effect,), "silicone", size=0.15, noise=0.01)
     found = answer(record)
     assert found["verdict"] in {"unexplained", "partial"}
     # The floor is the sensor's noise; what nobody explains is no part of it.

@@ -22,7 +22,7 @@ from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 
-def stranger() -> Recording:
+def outside_the_library() -> Recording:
     record = make(61, ("depth_waves",), "silicone", size=0.15, noise=0.01, seconds=5.0)
     return from_arrays("waves", record.t, record.position, record.force)
 
@@ -40,7 +40,7 @@ def swung(mass: float, damping: float, stiffness: float) -> Recording:
 def test_without_an_answer_the_nearest_candidate_is_reported_with_its_errors_without_outliers() -> (
     None
 ):
-    recording = stranger()
+    recording = outside_the_library()
     force = recording.force.copy()
     force[500::400] += 4.0 * float(np.ptp(force))
     # A vocabulary that holds nothing of the kind.
@@ -93,6 +93,6 @@ def test_a_force_that_cannot_be_predicted_has_no_figure() -> None:
 
 
 def test_a_side_that_pulls_may_also_touch_nothing() -> None:
-    recording = stranger()
+    recording = outside_the_library()
     with pytest.raises(RecordingError, match=r"wrong sign.*touches nothing.*saturated"):
         diagnose(replace(recording, force=-recording.force), "kelvin-voigt", surface=0.0)

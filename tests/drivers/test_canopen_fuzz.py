@@ -70,8 +70,8 @@ def test_counted_frames_are_all_that_were_not_used(garbage):
     bench = Bench()
     bench.axis.configure()
     bench.cycles(3)
-    strangers = [m for m in garbage if m.arbitration_id not in KNOWN and not m.is_error_frame]
-    for message in strangers:
+    unlisted = [m for m in garbage if m.arbitration_id not in KNOWN and not m.is_error_frame]
+    for message in unlisted:
         bench.daemon_end.deliver(message)
-    assert bench.cycle().rejected == len(strangers)
+    assert bench.cycle().rejected == len(unlisted)
     assert bench.sample.valid

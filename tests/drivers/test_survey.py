@@ -22,15 +22,15 @@ def test_the_survey_names_every_node_and_finds_its_eds_true():
     assert any("node 0x30 (drive) has all" in what for what in said)
 
 
-def test_the_survey_finds_a_stranger_and_a_silent_node():
+def test_the_survey_finds_an_unlisted_and_a_silent_node():
     rig = load("canopen")
     moved = rig.axis.force.model_copy(update={"node_id": 0x22})
     elsewhere = rig.model_copy(update={"axis": rig.axis.model_copy(update={"force": moved})})
     findings = surveyed(rig, FramedBench(elsewhere))
     bad = {finding.what: finding for finding in findings if finding.severity != "ok"}
     assert "node 0x20 (force sensor) does not answer" in bad
-    stranger = "node 0x22 answers and is not one of the rig's: vendor 0x543, product 0x404"
-    assert any(what.startswith(stranger) for what in bad)
+    unlisted = "node 0x22 answers and is not one of the rig's: vendor 0x543, product 0x404"
+    assert any(what.startswith(unlisted) for what in bad)
     assert all(finding.next_step for finding in bad.values())
 
 

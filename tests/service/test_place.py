@@ -116,7 +116,7 @@ except PermissionError:
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
-@pytest.mark.parametrize("group", [0, 65534], ids=["of the group", "a stranger"])
+@pytest.mark.parametrize("group", [0, 65534], ids=["of the group", "another user"])
 def test_no_other_user_writes_to_a_daemons_shared_memory(group):
     before = os.umask(0)  # the daemon's user may have the laxest one
     try:
@@ -146,7 +146,7 @@ def trap_of(kind, path, victim):
 def test_a_lock_that_leads_elsewhere_is_refused_and_what_it_leads_to_stays(
     session, run_dir, tmp_path, kind
 ):
-    """Locks lie in everybody's folder: a stranger can put there what bears their names."""
+    """Locks lie in everybody's folder: another user can put files with their names there."""
     with claimed("Bench rig", ["can0"], session):
         (lock,) = run_dir.glob("teleop-rt-can0-*.lock")
     lock.unlink()
@@ -167,7 +167,7 @@ ANOTHERS = pytest.param(
 
 
 @pytest.mark.parametrize("trap", [ANOTHERS, "everybody's", "link"])
-def test_a_folder_that_a_stranger_made_under_our_name_gets_no_daemon_and_no_command(
+def test_a_folder_that_another_user_made_under_our_name_gets_no_daemon_and_no_command(
     session, tmp_path, monkeypatch, trap
 ):
     """In /tmp anybody can make it first, and list daemons that do not exist."""

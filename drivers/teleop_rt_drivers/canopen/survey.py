@@ -48,8 +48,8 @@ def survey(config: CanopenPart, bus: can.BusABC, now_ns: Callable[[], int]) -> l
         else:
             step = "check power, wiring, termination, bit rate and node id"
             findings.append(Finding("error", f"{node.label} does not answer", "bus", step))
-    for stranger in sorted(found - known):
-        findings.append(_stranger(stranger, dictionaries, pumped))
+    for unlisted in sorted(found - known):
+        findings.append(_unlisted(unlisted, dictionaries, pumped))
     return findings
 
 
@@ -84,7 +84,7 @@ def _presence(node: SdoNode) -> Finding:
     return Finding("ok", f"{node.label} answers: {_identity(node)}", "bus")
 
 
-def _stranger(
+def _unlisted(
     node_id: int, dictionaries: dict[str, ObjectDictionary], bus: ConfigurationBus
 ) -> Finding:
     """Describe a node that the rig does not name; 1018h is the same in every EDS."""

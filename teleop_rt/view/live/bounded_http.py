@@ -1,4 +1,4 @@
-"""An HTTP server that a stranger on this machine can neither occupy nor fill with data.
+"""An HTTP server that other users of this machine can neither occupy nor fill with data.
 
 A request has a header and no body, and comes whole within seconds. Connections beyond a bound close
 the oldest one that still asks; lines to browsers (WebSockets) are counted by whoever keeps them.

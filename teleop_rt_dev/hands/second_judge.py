@@ -1,6 +1,6 @@
 """Whether a run's handle shook, judged from the run's folder by physics alone.
 
-    python teleop_rt_dev/hands/stranger.py FOLDER ...
+    python teleop_rt_dev/hands/second_judge.py FOLDER ...
 
 Written by one who knows the folders of `teleop-rt run` and mechanics, and shares no code with the
 project or its campaign. A handle shakes where five successive swings of 3 to 40 Hz, above 0.2 mm
