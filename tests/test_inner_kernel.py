@@ -1,9 +1,11 @@
 import os
+import pickle
 import subprocess
 import sys
 
 import numba
 import pytest
+from llvmlite import binding
 from numba.core import compiler
 
 from teleop_rt.kernels.jit import inlined_kernel, kernel
@@ -146,3 +148,41 @@ def test_code_from_the_cache_is_loaded_without_what_only_compiling_needs(tmp_pat
     )  # fmt: skip
     assert compiling
     assert not loading
+
+
+POINTER = """
+import numba
+from teleop_rt.kernels.jit import kernel
+
+@kernel
+def doubled(x: float) -> float:
+    for _ in range(1):
+        x = 2.0 * x
+    return x
+
+@numba.njit(numba.float64(numba.types.FunctionType(numba.float64(numba.float64))))
+def called(function):
+    return function(8.0)
+
+print(doubled(2.0), called(doubled), doubled.stats.cache_hits.total())
+"""
+
+
+def test_a_loaded_kernel_is_complete_though_its_intermediate_code_is_not_kept(tmp_path):
+    program = tmp_path / "pointer.py"
+    program.write_text(POINTER)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def printed() -> str:
+        command = [sys.executable, program]
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    assert printed() == "4.0 16.0 0\n"
+    assert printed() == "4.0 16.0 1\n"
+    (kept,) = (tmp_path / "cache").rglob("*.nbc")
+    (_, _, (_, intermediate)), *_ = pickle.loads(kept.read_bytes())  # noqa: S301 - our own
+    module = binding.parse_bitcode(intermediate)
+    steps = [len(list(block.instructions)) for one in module.functions for block in one.blocks]
+    assert steps == [1, 1, 1], "an entry only returns: nothing of the loop is here"

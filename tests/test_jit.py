@@ -206,7 +206,7 @@ def test_a_kernels_sources_are_its_file_and_all_of_ours_that_it_imports(tmp_path
 
 def forget_files():
     """Read files again, as the next process does."""
-    for remembered in (fingerprint, jit.sources_of, jit._imported, jit._digest, jit._content):
+    for remembered in (fingerprint, jit.sources_of, jit._read):
         remembered.cache_clear()
 
 

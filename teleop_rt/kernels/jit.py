@@ -28,7 +28,7 @@ import numpy as np
 from teleop_rt.kernels.lean_numba import binding, numba
 
 # isort: split
-from teleop_rt.kernels.inner import Kernel
+from teleop_rt.kernels.inner import Cache, Kernel
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -67,25 +67,23 @@ def sources_of(file: Path) -> frozenset[Path]:
         path = waiting.pop()
         if path not in found:
             found.add(path)
-            waiting += _imported(path)
+            waiting += _read(path)[1]
     return frozenset(found)
 
 
 @functools.cache
-def _imported(file: Path) -> frozenset[Path]:
+def _read(file: Path) -> tuple[bytes, frozenset[Path]]:
+    """Return the digest of a file's contents, and the files of our packages that it imports."""
+    content = file.read_bytes()
     found = set()
-    for match in _IMPORT.finditer(_content(file)):
+    for match in _IMPORT.finditer(content):
         module = (match[1] or match[3]).decode()
         found.add(place := _file_of(module))
         if place is None or place.name == "__init__.py":  # the name may be a module's, too
             names = re.findall(r"[A-Za-z_]\w*", (match[2] or b"").decode())
             found |= {_file_of(f"{module}.{name}") for name in names}
-    return frozenset(path for path in found if path is not None)
-
-
-@functools.cache
-def _content(file: Path) -> bytes:
-    return file.read_bytes()
+    imported = frozenset(path for path in found if path is not None)
+    return hashlib.sha256(content).digest(), imported
 
 
 @functools.cache
@@ -122,25 +120,27 @@ def fingerprint(file: Path) -> str:
     """
     digest = hashlib.sha256(machine().encode())
     for path in sorted(sources_of(file), key=_name_of):
-        digest.update(_name_of(path).encode() + b"\0" + _digest(path))
+        digest.update(_name_of(path).encode() + b"\0" + _read(path)[0])
     return digest.hexdigest()[:16]
-
-
-@functools.cache
-def _digest(file: Path) -> bytes:
-    """Return the digest of a file's contents, which most kernels' sources have in common."""
-    return hashlib.sha256(_content(file)).digest()
 
 
 @functools.cache
 def _name_of(file: Path) -> str:
     """Return `package/module.py` of a file of our packages, the absolute path of any other."""
-    folder = file.resolve().parent
-    while (folder / "__init__.py").is_file():
-        if folder.name.startswith("teleop_rt") and not (folder.parent / "__init__.py").is_file():
-            return file.resolve().relative_to(folder.parent).as_posix()
-        folder = folder.parent
-    return str(file.resolve())
+    folder, above = _resolved(file.parent)
+    place = folder / file.name
+    return str(place) if above is None else place.relative_to(above).as_posix()
+
+
+@functools.cache
+def _resolved(folder: Path) -> tuple[Path, Path | None]:
+    """Return a folder without links, and the folder above our package in which it lies, if any."""
+    inner = outer = folder.resolve()
+    while (outer / "__init__.py").is_file():
+        if outer.name.startswith("teleop_rt") and not (outer.parent / "__init__.py").is_file():
+            return inner, outer.parent
+        outer = outer.parent
+    return inner, None
 
 
 def kernel_folder(file: Path) -> Path | None:
@@ -230,14 +230,20 @@ def _compiled(function: Callable[P, R], *, cached: bool, **options: Any) -> Call
     config = _numba_config()
     if config.DISABLE_JIT:
         return function
+    compiled = Kernel(function, targetoptions=_OPTIONS | options)
+    if cached:
+        fingerprint(Path(function.__code__.co_filename))  # now: it may change before its first call
+        compiled.keep_in(_cache_of)
+    return cast("Callable[P, R]", compiled)
+
+
+def _cache_of(function: Callable[..., Any]) -> Cache:
+    config = _numba_config()
     before, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATOR
     try:
-        compiled = Kernel(function, targetoptions=_OPTIONS | options)
-        if cached:
-            compiled.enable_caching()
+        return Cache(function)
     finally:
         config.CACHE_LOCATOR_CLASSES = before
-    return cast("Callable[P, R]", compiled)
 
 
 def bound(
