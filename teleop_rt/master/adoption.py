@@ -76,7 +76,7 @@ class Adoption:
         self._lasts_s: float | None = None
         self._next_lasts_s: float | None = None
         self._starved_s = 0.0
-        self.stored_J = 0.0
+        self.stored_J = self.stepped_J = 0.0
 
     @property
     def newest(self) -> Wall:
@@ -164,7 +164,11 @@ class Adoption:
             self._waiting, self._next_lasts_s = wall, lasts_s
 
     def update(self, position: float, velocity: float, dt_s: float) -> float:
-        """Move the blend as far as this tick allows, and return the force."""
+        """Move the blend as far as this tick allows, and return the force.
+
+        `stored_J` is what the springs hold then, `stepped_J` what this tick's blend put into them.
+        """
+        self.stepped_J = 0.0
         if not self.holds(position) and not self.newest.holds(position):
             self.old = self.new = self.newest
             self._waiting, self.weight = None, 1.0
@@ -293,3 +297,4 @@ class Adoption:
     def _pay(self, cost_J: float) -> None:
         self.tank.spend(cost_J)
         self.energy_J += max(0.0, cost_J)
+        self.stepped_J += cost_J

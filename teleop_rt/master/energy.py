@@ -29,6 +29,9 @@ RETURNS_S = 0.5
 felt before, and within 20 ms it is a kick; as the longest blend of `adoption`.
 """
 
+ROUNDING = 1e-9
+"""Of the stored energy: a smaller fall within a tick is rounding, not a hand that leaves."""
+
 StoredEnergy = NDArray[np.record]
 Forces = NDArray[np.float64]
 
@@ -77,7 +80,25 @@ def count(p: PortEnergy, acted: float, force: float, stored_J: float, taken_J: f
 
 
 @kernel
-def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: bool) -> float:
+def turn(p: PortEnergy, stored_J: float, stepped_J: float) -> bool:
+    """Take in the energy stored now; return whether the hand leaves the wall.
+
+    The energy at which the hand turned changes in proportion where the master steps the wall: a
+    step alone is no way back. Beyond rounding, for a hand at rest must not seem to leave.
+    """
+    before_J, was_J, p.stored_J = stored_J - stepped_J, p.stored_J, stored_J
+    if before_J >= was_J * (1 - ROUNDING):
+        p.turned_J = stored_J
+        return False
+    if stepped_J != 0.0 and before_J > 0.0:
+        p.turned_J *= stored_J / before_J
+    return True
+
+
+@kernel
+def paid(
+    p: PortEnergy, force: float, stored_J: float, stepped_J: float, leaving: bool, bounded: bool
+) -> float:
     """Return the force without the part that the energy taken in this contact does not cover.
 
     That is the energy of hand and tank, while bounded the hand's alone. A spring
@@ -85,8 +106,10 @@ def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: b
     While bounded a share is kept as well that grows without a step from where the hand turned,
     to 1 - GIVEN_BACK in all: a latency that is longer than the device says makes up to that.
     The withheld part is computed on the way out, and only falls on the way in, over `RECOVERS_S`:
-    a force that is whole again at each turn is a step there, and a hand at rest chatters. The
-    force withheld by a bounding returns over `RETURNS_S` after its end.
+    a force that is whole again at each turn is a step there, and a hand at rest chatters. Where the
+    master steps a wall nearer while bounded, the force that no hand paid is withheld as it comes:
+    withheld at the next turn alone, it falls there within a tick. The force withheld by a bounding
+    returns over `RETURNS_S` after its end.
     """
     if not 0.0 < stored_J < math.inf:
         p.withheld = 0.0
@@ -98,7 +121,10 @@ def paid(p: PortEnergy, force: float, stored_J: float, leaving: bool, bounded: b
     size = abs(force)
     falls = p.withheld - size * p.period_s / (RECOVERS_S if bounded else RETURNS_S)
     missing = max((1 - share) * size, falls)
-    p.withheld = missing if leaving else min(p.withheld, missing)
+    if not leaving:
+        given = min(1.0, max(0.0, stepped_J) / stored_J) if bounded else 0.0
+        missing = min(missing, p.withheld + size * (1 - math.sqrt(1 - given)))
+    p.withheld = missing
     return math.copysign(max(0.0, size - p.withheld), force)
 
 
@@ -124,6 +150,7 @@ def observe(
     stored_J: float,
     damping_max: float,
     surface_J: float,
+    stepped_J: float,
     bounded: bool,
 ) -> float:
     """Take in one tick; return the force, damped if need be: see `PassivityObserver.update`."""
@@ -138,9 +165,8 @@ def observe(
     p.made_J = 0.0
     if not math.isinf(stored_J):  # of an unknown wall; without the compiler inf - inf is a warning
         p.made_J = stored_J - p.stored_J - change_J - surface_J
-    leaving, p.stored_J = stored_J < p.stored_J, stored_J
-    p.turned_J = p.turned_J if leaving else stored_J
-    force = paid(p, force, stored_J, leaving, bounded)
+    leaving = turn(p, stored_J, stepped_J)
+    force = paid(p, force, stored_J, stepped_J, leaving, bounded)
     if p.damps > 0.0:
         force += damping_of(p, velocity, damping_max) * velocity
     for at in range(len(forces) - 1):
@@ -187,7 +213,7 @@ class PassivityObserver:
         energy.capacity_J, energy.allowance_W = capacity_J, allowance_W
         self.numbers = stored.view(np.uint8).data.cast("d")
         self._forces = np.zeros(whole + 2)
-        self.bounded, example = False, (0.0,) * 6
+        self.bounded, example = False, (0.0,) * 7
         self._observe = bound(observe, (stored, self._forces), *example, self.bounded)
         self.reset()
 
@@ -207,12 +233,13 @@ class PassivityObserver:
         stored_J: float = math.inf,
         damping_max: float = math.inf,
         surface_J: float = 0.0,
+        stepped_J: float = 0.0,
     ) -> float:
         """Take in one tick of the hand's own position; return the force, damped if need be.
 
         `stored_J` is what the wall's springs hold here, at the hand, `surface_J` the work of a
-        surface that moves by itself in this tick: it is the environment's own.
+        surface that moves by itself in this tick: it is the environment's own. `stepped_J` is the
+        part of the change of `stored_J` by which the master changed the wall around the hand.
         """
-        return self._observe(
-            position, velocity, force, stored_J, damping_max, surface_J, self.bounded
-        )
+        work = (stored_J, damping_max, surface_J, stepped_J, self.bounded)
+        return self._observe(position, velocity, force, *work)

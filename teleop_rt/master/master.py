@@ -177,7 +177,10 @@ class Master:
             stored_J = self.energy_scale * max(0.0, self.adoption.stored_J)
         room = self.force_scale * self._position_scale * self.limiter.damping_room
         surface_J = self.energy_scale * self._surface_J
-        force = self.observer.update(self.position, self.velocity, force, stored_J, room, surface_J)
+        stepped_J = self.energy_scale * self.adoption.stepped_J
+        force = self.observer.update(
+            self.position, self.velocity, force, stored_J, room, surface_J, stepped_J
+        )
         if self._device is None:
             return max(-self._force_max, min(self._force_max, force))
         shaking = self.shaking
