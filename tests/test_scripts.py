@@ -153,3 +153,16 @@ def test_a_missing_venv_or_an_old_python_gets_one_clear_sentence(tmp_path, scrip
     assert words in sentence
     assert "apt install" in sentence
     assert not (clone / ".venv").exists()
+
+
+def test_every_test_file_that_the_suite_runs_without_compiler_exists():
+    """A renamed file would end the whole suite with an error of pytest after minutes."""
+    script = (ROOT / "scripts" / "test").read_text(encoding="utf-8")
+    rules = re.search(r"^rules=\(.*?\)$", script, re.MULTILINE | re.DOTALL)[0]
+    listed = subprocess.run(
+        ["/bin/bash", "-c", rules + '\nprintf "%s\\n" "${rules[@]}"'],
+        capture_output=True, text=True, check=True,
+    ).stdout.split()  # fmt: skip
+    files = [name for name in listed if name.endswith(".py")]
+    assert len(files) > 10
+    assert [name for name in files if not (ROOT / name).is_file()] == []
