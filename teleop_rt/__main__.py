@@ -80,7 +80,7 @@ def program() -> None:
 
 
 def _leave(code: str | int | None) -> NoReturn:
-    atexit._run_exitfuncs()  # noqa: SLF001 - what Python would call, too, before it takes all down
+    atexit._run_exitfuncs()  # noqa: SLF001 - Python would call it, too, before it takes all down
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # nobody reads it any more
             stream.flush()

@@ -105,7 +105,7 @@ class Sample:
     the numbers are the last valid ones, and `stale` names the device that gave none in time.
     `switch` is true while the axis's home switch, if it has one, is closed. `drive_position` and
     `drive_force` are the drive's own measurements [rig unit], None where it gives none. `complaint`
-    is what a device said of itself beside the fault, or which device is behind it.
+    is a device's own report beside the fault, or the name of the device behind it.
 
     Kernels fill `stored`, a record (1,) of `SampleFields`; `floats` and `counts` are its words.
     """

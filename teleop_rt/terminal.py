@@ -1,4 +1,4 @@
-"""Standard output whose reader may go away: what is left unread is nobody's fault."""
+"""Standard output whose reader may go away: unread lines are nobody's fault."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _ForgivingOutput:
             return len(text)
 
     def flush(self) -> None:
-        """Hand on what was written."""
+        """Hand the written text on."""
         try:
             self._output.flush()
         except BrokenPipeError:

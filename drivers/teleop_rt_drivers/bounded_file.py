@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 MOST_DESCRIPTION = 8 << 20
 """Of an EDS or DBC [byte]: those of whole cars and large drives have a few megabytes."""
 MOST_REPLAYED = 256 << 20
-"""Of a bus log or table that is replayed [byte]: hours, and what memory holds of its rows."""
+"""Of a bus log or table that is replayed [byte]: hours, and rows that memory can hold."""
 
 
 def read_description(source: Traversable, what: str) -> bytes:

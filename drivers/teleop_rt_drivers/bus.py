@@ -33,7 +33,7 @@ RECEIVE_BUFFER_BYTES = 4 << 20
 
 ADAPTERS = {
     "gs_usb": (
-        f"`{install_command('gs_usb')}` brings what it needs, and the user needs access to the "
+        f"`{install_command('gs_usb')}` installs its library, and the user needs access to the "
         "USB device; with the kernel's driver it is socketcan instead: `ip link` shows it as can0"
     ),
     "slcan": (
@@ -58,7 +58,7 @@ _NO_SOCKETCAN = (
 
 
 class BusConfig(Section):
-    """Which CAN bus: what is left out comes from python-can's own configuration.
+    """The CAN bus: keys that are left out come from python-can's own configuration.
 
     That is the environment (CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE), then can.conf.
     """
@@ -150,8 +150,8 @@ NOT_WATCHED = ("gs_usb", "udp_multicast")
 STAMPED_S = 2e-5
 """Deviation of a stamp by a kernel, with a frame's wait for the bus."""
 WATCHED_SHARE, READ_SHARE = 0.1, 1.0 / math.sqrt(12.0)
-"""Deviation over the period of the loop: of what is watched but while the loop works (half of the
-period at most), and of what is only read once a cycle."""
+"""Deviation over the period of the loop: of frames watched but while the loop works (half of the
+period at most), and of those that are only read once a cycle."""
 
 
 def stamp_deviation_s(config: BusConfig, period_s: float) -> float:
@@ -167,7 +167,7 @@ def stamps_arrivals(bus: can.BusABC) -> bool:
 
 
 def descriptor_of(bus: can.BusABC) -> int:
-    """Return what an arrival makes readable, -1 where an adapter's library has no such thing."""
+    """Return the descriptor that an arrival makes readable, -1 where an adapter has none."""
     try:
         return bus.fileno()
     except (NotImplementedError, OSError, can.CanError):
@@ -182,7 +182,7 @@ def receive(bus: can.BusABC, timeout: float | None = None) -> can.Message | None
     """
     ends_s = None if timeout is None else time.monotonic() + timeout
     while True:
-        message, filtered = bus._recv_internal(timeout)  # noqa: SLF001 - what an interface gives
+        message, filtered = bus._recv_internal(timeout)  # noqa: SLF001 - the interface's method
         if message is not None and (filtered or bus._matches_filters(message)):  # noqa: SLF001
             return message
         if ends_s is not None:

@@ -88,7 +88,7 @@ class LoggedBus(can.BusABC):
         self._now_ns = now_ns
         self._logger = can.Logger(file)
         super().__init__(channel="log")
-        self._is_shutdown = True  # what there is to release, `shutdown` releases
+        self._is_shutdown = True  # `shutdown` releases all there is
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame, and write it down before its answers."""
@@ -138,7 +138,7 @@ def main() -> int:
         return 2
     print(READY, flush=True)
     ended = False
-    while not ended:  # once more after the end, for what waits in the socket
+    while not ended:  # once more after the end, for frames that wait in the socket
         ended = bool(select.select([sys.stdin], [], [], 0)[0])
         with contextlib.suppress(can.CanError, OSError, ValueError):
             message = bus.recv(WAIT_S)

@@ -24,7 +24,7 @@ UNUSUAL = -1 << 20
 
 
 class CanDoorFields:
-    """Fields of a socket: its descriptor, its packets' headers, and what the last call received.
+    """Fields of a socket: its descriptor, its packets' headers, and the last call's packets.
 
     That is `received` packets, or minus the number of an error, with `frames` frames. `sending` is
     the address of the words of a `CanDoor`, of which a frame to send takes `frame_bytes`.
@@ -55,7 +55,7 @@ LENGTH_SHIFT = 32
 class CanDoor:
     """Room for a socket's packets: `slots` of `size` bytes hold its frames for kernels.
 
-    `arrays` is what `take_packets` works on, `words` what `put_frame` writes, and `door` the
+    `arrays` are those of `take_packets`, `words` those of `put_frame`, and `door` the
     socket's fields by name.
     """
 
@@ -75,9 +75,9 @@ class CanDoor:
 
 @kernel
 def take_packets(stored: Doors, lengths: Lengths, slots: Slots) -> int:
-    """Receive what waits into the first slots; return how many frames, or UNUSUAL.
+    """Receive the waiting frames into the first slots; return their number, or UNUSUAL.
 
-    With UNUSUAL the packets lie as they were received: what is no plain frames, the end of the
+    With UNUSUAL the packets lie as they were received: other than plain frames, the end of the
     socket, or so much that more may wait.
     """
     door: Any = stored[0]

@@ -55,12 +55,12 @@ class _WithDoor(Protocol):
         """Return whether all that can come now comes by the door."""
 
     def keep(self) -> None:
-        """Keep what the door received last, which was UNUSUAL, for `waiting_frames`."""
+        """Keep the door's last packets, which were UNUSUAL, for `waiting_frames`."""
 
 
 class _Batching(Protocol):
     def waiting_frames(self, most: int) -> Sequence[CanFrame]:
-        """Return what has come, `most` frames at most."""
+        """Return the frames that have come, `most` at most."""
 
     def send_frame(self, can_id: int, data: bytes) -> None:
         """Send a frame of classic CAN."""
@@ -96,7 +96,7 @@ class SlotReader:
             self._take = bound(take_packets, self.door.arrays)
 
     def is_plain(self) -> bool:
-        """Return whether kernels can receive what waits now; if so, `slots` are the door's."""
+        """Return whether kernels can receive the waiting frames; if so, `slots` are the door's."""
         if self.door is None or not self._bus.is_plain():
             return False
         self.slots, self._frames = self.door.slots, None
@@ -120,7 +120,7 @@ class SlotReader:
         return self.read_unusual() if count == UNUSUAL else count
 
     def read_unusual(self) -> int:
-        """Return how many frames have come, after a kernel that found what is UNUSUAL."""
+        """Return how many frames have come, after a kernel that returned UNUSUAL."""
         self._bus.keep()
         return self.read_otherwise()
 
@@ -143,7 +143,7 @@ class SlotReader:
 def sender_of(bus: can.BusABC) -> Callable[[Sequence[Outgoing]], None]:
     """Return a function that sends frames of classic CAN without waiting.
 
-    It raises what python-can's own `send` raises.
+    It raises as python-can's own `send` does.
     """
     if hasattr(bus, "send_frames"):
         return cast("_Batching", bus).send_frames
@@ -259,7 +259,7 @@ def message_of(data: bytes) -> tuple[int, can.Message]:
     """Return when a frame was sent [ns, monotonic] and the frame, stamped as python-can does.
 
     That is with the wall clock [s since 1970], as it stands now: one that is set while a frame
-    waits makes it no older. Raises CanOperationError for what is no frame.
+    waits makes it no older. Raises CanOperationError for other than a frame.
     """
     now_ns = time.monotonic_ns()
     if len(data) == FRAME.size:

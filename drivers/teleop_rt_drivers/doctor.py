@@ -62,7 +62,7 @@ ADVICE = {
 def survey_buses(
     rig: RigConfig, open_bus: Callable[[BusConfig], can.BusABC], now_ns: Callable[[], int]
 ) -> list[Finding]:
-    """Return who answers on the rig's CANopen buses, and is it what its EDS says."""
+    """Return the nodes that answer on the rig's CANopen buses, compared with their EDS."""
     findings = []
     for part in parts_of(rig.axis).values():
         if isinstance(part, CanopenPart) and part.bus.interface != REPLAY:
@@ -75,7 +75,7 @@ def survey_buses(
 
 
 def frame_names(part: AxisConfig) -> dict[int, str]:
-    """Return what each frame that a part of an axis reads is called."""
+    """Return the names of the frames that a part of an axis reads."""
     if isinstance(part, CanopenPart):
         nodes = part.nodes
         return {
@@ -137,7 +137,7 @@ def examine_axis(
 
 def _fault(fault: AxisFault, axis: Axis) -> Finding:
     if fault is AxisFault.NONE:
-        return Finding("ok", "all devices answer, and are what the config says", "devices")
+        return Finding("ok", "all devices answer, and agree with the config", "devices")
     found = of_axis(fault)
     said = getattr(axis, "last_emergency", "")
     what = f"{fault.name}: {found.cause}" + (f"; {said}" if said else "")
@@ -160,7 +160,7 @@ def _timing(stamps: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Finding:
     mean, jitter = float(steps_us.mean()), float(np.percentile(abs(steps_us - steps_us.mean()), 99))
     what = f"a sample every {mean:.1f} us, within {jitter:.1f} us (p99)"
     if jitter > 0.5 * mean:
-        step = "end what loads this machine, or give the daemon real-time priority"
+        step = "end programs that load this machine, or give the daemon real-time priority"
         return Finding("warning", what, "timing", step)
     return Finding("ok", what, "timing")
 

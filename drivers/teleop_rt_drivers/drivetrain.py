@@ -1,4 +1,4 @@
-"""The force at the tool from that of the motor: less what friction and moved mass take."""
+"""The force at the tool from that of the motor: less those of friction and moved mass."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ def _waiting(config: DrivetrainConfig, period_ns: int) -> int:
 
 
 class Drivetrain:
-    """Frees a motor's force of what friction and mass take of it; allocates nothing.
+    """Subtracts friction and the inertia of a mass from a motor's force; allocates nothing.
 
     The second difference of positions is the acceleration in a triangular window; in the same
-    window the force is averaged, so that what a mass takes cancels however fast it changes. So a
+    window the force is averaged, so that a mass's inertia cancels however fast it changes. So a
     force comes half a window later than it was measured, and `stamp_ns` is its time.
     """
 
@@ -70,7 +70,7 @@ class Drivetrain:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was measured."""
+        """Forget all measurements."""
         self._newest = self._count = 0
         self.force, self.stamp_ns = 0.0, -1
 
@@ -81,7 +81,7 @@ class Drivetrain:
         sample.force, sample.force_stamp_ns = self.force, self.stamp_ns
 
     def take(self, stamp_ns: int, position: float, force: float) -> None:
-        """Take what was measured at a time later than that of the last."""
+        """Take a measurement at a time later than that of the last."""
         size = len(self._stamps_ns)
         if self._count and stamp_ns <= self._stamps_ns[self._newest]:
             return
@@ -101,7 +101,7 @@ class Drivetrain:
         self.force = pushed - self._taken(oldest % size, middle, (newest - self._late) % size)
 
     def _taken(self, first: int, middle: int, last: int) -> float:
-        """Return what friction and mass take of the motor's force at the middle place."""
+        """Return the part of the motor's force that friction and mass take at the middle place."""
         stamps_ns, positions = self._stamps_ns, self._positions
         before_s = (stamps_ns[middle] - stamps_ns[first]) * 1e-9
         after_s = (stamps_ns[last] - stamps_ns[middle]) * 1e-9

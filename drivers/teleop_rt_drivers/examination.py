@@ -68,7 +68,7 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
 
 
 def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: bool) -> None:
-    """Print what this machine, the rig's buses and the link really do."""
+    """Print the measured behaviour of this machine, the rig's buses and the link."""
     rig, trial = _load(config, overrides)
     with ElapsedLine("measuring how late a bare loop wakes") as line:
         findings = check_placeholders(rig) + examine_machine(rig, between=line.tick)

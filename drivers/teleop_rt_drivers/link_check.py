@@ -33,7 +33,7 @@ def examine_link(
     """Return round trip and loss of the link to the slave; it is not asked to follow.
 
     Where the trial names no port of a slave, both ends are this program's, on this machine, with
-    what the trial puts between them. `wait` waits for the next packet's turn.
+    the trial's impairment between them. `wait` waits for the next packet's turn.
     """
     link = trial.link
     alone = link.slave_port == 0

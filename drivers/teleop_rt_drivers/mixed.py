@@ -190,7 +190,7 @@ class MixedAxis:
         self._join = bound(join, tuple(one.stored for one in (*read, sample)), 0, 0, 0)
 
     def watch(self, seconds: float) -> None:
-        """Wait so long, and note when what arrives meanwhile did so."""
+        """Wait so long, and note the time of each arrival meanwhile."""
         watched = [one for _, part, _ in self._parts for one in getattr(part, "watched", ())]
         keep_arrivals(watched, seconds)
 

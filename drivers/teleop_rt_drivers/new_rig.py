@@ -122,7 +122,7 @@ def on_bus(bus: can.BusABC, now_ns: Callable[[], int], drive: str) -> list[Found
 
 
 def with_eds(text: str, file: Path, note: Callable[[str], None]) -> str:
-    """Return a CANopen rig's text for the drive of an EDS; `note` takes what is left to do.
+    """Return a CANopen rig's text for the drive of an EDS; `note` takes the remaining steps.
 
     Raises NewRigError for a rig without CANopen drive, AxisError for an EDS that is of none.
     """

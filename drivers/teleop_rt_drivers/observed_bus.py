@@ -36,7 +36,7 @@ class ObservedBus(can.BusABC):
         self._clock_s = clock_s
         self._sync_s = 0.0
         super().__init__(channel="observed")
-        self._is_shutdown = True  # what there is to release, `shutdown` releases
+        self._is_shutdown = True  # `shutdown` releases all there is
 
     def forget(self) -> None:
         """Start recording again."""
@@ -63,7 +63,7 @@ class ObservedBus(can.BusABC):
         return self._bus.fileno()
 
     def flush_tx_buffer(self) -> None:
-        """Drop what waits to be sent."""
+        """Drop the frames that wait to be sent."""
         self._bus.flush_tx_buffer()
 
     def shutdown(self) -> None:
@@ -92,7 +92,7 @@ class ObservedBus(can.BusABC):
             what += f", {delay_us[0]:.0f} us (p50), {delay_us[1]:.0f} us (p99) after SYNC"
             late = bool(delay_us[1] > 1e6 * LATE_SHARE * period_s)
         if late or jitter_us > JITTER_SHARE * mean_us:
-            step = "lower rate_hz or the bus load, and see what loads this machine"
+            step = "lower rate_hz or the bus load, and end programs that load this machine"
             return Finding("warning", what, where, step)
         return Finding("ok", what, where)
 

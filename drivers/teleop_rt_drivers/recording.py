@@ -102,7 +102,7 @@ class RecordingAxis:
         return len(self._position)
 
     def configure(self) -> None:
-        """Read and check the file. Raises AxisError naming what is wrong with it."""
+        """Read and check the file. Raises AxisError that names its problem."""
         config = self._config
         path = recording_path(config.file)
         columns = (config.time_column, config.position_column, config.force_column)

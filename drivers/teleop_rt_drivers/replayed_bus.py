@@ -1,7 +1,7 @@
 """A logged CAN bus in place of a live one: the same decoding, on frames of the past.
 
 A cycle of the daemon that was logged began with its SYNC (CANopen) or ended with its command
-(raw CAN): between two of them lies what one cycle read.
+(raw CAN): between two of them lie the frames of one cycle.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ REPLAY = "replay"
 
 
 class ReplayBus(can.BusABC):
-    """Hands out what the devices sent, cycle by cycle; what is sent to it goes nowhere.
+    """Hands out the devices' frames, cycle by cycle; frames sent to it go nowhere.
 
     `mark` identifies the daemon's frames that separate its cycles, `ours` all frames that it sent.
     """
@@ -110,7 +110,7 @@ class ListeningAxis(Protocol):
         """Begin with frames that arrive from now on."""
 
     def read_into(self, sample: Sample) -> None:
-        """Take what has arrived."""
+        """Take the frames that have arrived."""
 
 
 class ReplayAxis:
@@ -131,7 +131,7 @@ class ReplayAxis:
         """Do nothing: there is no drive."""
 
     def read_into(self, sample: Sample) -> None:
-        """Decode what the next cycle read. Raises EndOfRecording after the last."""
+        """Decode the frames of the next cycle. Raises EndOfRecording after the last."""
         self._bus.next_cycle()
         self._axis.read_into(sample)
         sample.enabled = True

@@ -55,7 +55,7 @@ ENCODER_NODE = re.compile(r"^      encoder:\n(?:        .*\n)+", re.MULTILINE)
 NO_SENSOR = """\
       force: from drive          # the motor's torque: its friction and mass go into drivetrain
       drivetrain:
-        mass_N_s2_per_m: 0       # what the motor moves; `teleop-rt calibrate drivetrain` adds to it
+        mass_N_s2_per_m: 0       # moved by the motor; `teleop-rt calibrate drivetrain` adds to it
         torque_lag_ms: 0.5       # half of the time over which the drive averages its torque
 """
 NO_SENSOR_VALUES: dict[tuple[str, ...], float] = {
@@ -107,7 +107,7 @@ def rig_text(
         )
     if sensor == "drive-input" and drive != WITH_INPUT:
         raise NewRigError(
-            "--sensor drive-input: only --drive canopen sends what its analog input measures"
+            "--sensor drive-input: only --drive canopen sends the value of its analog input"
         )
     text = _with_sensor(drive, sensor)
     text = text.replace(*SIMULATED_MASS) if adapter == "unix" else text

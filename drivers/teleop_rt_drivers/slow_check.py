@@ -45,7 +45,7 @@ STAMPS_WORTH_A_STEP = 0.2
 
 
 def check_stamps(rig: RigConfig) -> list[Finding]:
-    """State how well the time between position and force is known, and what that is of damping."""
+    """State the error of the time between position and force, and that of damping by it."""
     period_s = rig.period_ns * 1e-9
     deviation_s = rig.axis.stamp_deviation_s(period_s)
     if deviation_s == 0.0:
@@ -64,7 +64,7 @@ def check_stamps(rig: RigConfig) -> list[Finding]:
 
 
 def check_overshoot(rig: RigConfig, force_cap: float | None) -> list[Finding]:
-    """Compare what a force can rise by, unseen, with the reserve between cap and limit.
+    """Compare the unseen rise of a force with the reserve between cap and limit.
 
     Speed of contact times largest stiffness times the age of a force: its hold time and lag.
     """

@@ -21,7 +21,7 @@ _FLAGS = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
 
 class DirectSocketcanBus(SocketcanBus):
-    """A bus of classic CAN; what kernels do not take comes by python-can's own way.
+    """A bus of classic CAN; frames that kernels do not take come by python-can's own way.
 
     python-can takes 15 to 20 us a frame on this way, most of it for messages and their checks.
     """
@@ -38,7 +38,7 @@ class DirectSocketcanBus(SocketcanBus):
         return not self._kept
 
     def keep(self) -> None:
-        """Keep what the door received last, which was UNUSUAL, for `waiting_frames`."""
+        """Keep the door's last packets, which were UNUSUAL, for `waiting_frames`."""
         packets, received = self.door.packets, self.door.door.received
         if received < 0:  # as when the interface goes down
             self._kept.append((UNREADABLE, b"", 0))
@@ -47,7 +47,7 @@ class DirectSocketcanBus(SocketcanBus):
             self._kept.append(unpacked(packets.memory, place, packets.lengths[index]))
 
     def waiting_frames(self, most: int) -> list[CanFrame]:
-        """Return what has come, `most` frames at most; never raises."""
+        """Return the frames that have come, `most` at most; never raises."""
         kept, self._kept = self._kept[:most], self._kept[most:]
         return kept + one_by_one(self, most - len(kept))
 

@@ -38,7 +38,7 @@ def check_stalls(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
         key, name = f"{where}.drive.watchdog_ms", "drive.watchdog_ms"
         if part.drive.watchdog_ms is None:
             what = f"the drive's own watchdog is not known, so {STOP} {stop_ms:g} stands alone"
-            step = "say what the drive's manual says; without one, wire an emergency stop"
+            step = "state the value of the drive's manual; without one, wire an emergency stop"
             return [Finding("warning", what, key, step)]
         return [_compared(stop_ms, 0, part.drive.watchdog_ms, name, key)]
     return []

@@ -52,7 +52,7 @@ class UnixBus(can.BusABC):
     """One program's end of a bus of this machine.
 
     `lost` counts frames that another program's full queue did not take: as on a wire, who does
-    not listen misses what is said, and nobody waits for it.
+    not listen misses frames, and nobody waits for it.
     """
 
     def __init__(self, channel: str = "can", **options: Any) -> None:
@@ -146,7 +146,7 @@ class UnixBus(can.BusABC):
                 peer.send(data)
             except BlockingIOError:
                 self.lost += frames
-            except OSError:  # it has left; what it said before is still to be heard
+            except OSError:  # it has left; its frames from before are still to be heard
                 continue
 
     def send_frame(self, can_id: int, data: bytes) -> None:

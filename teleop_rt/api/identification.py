@@ -1,4 +1,4 @@
-"""All estimators, or some, over a recording: what `teleop-rt replay` prints, as objects."""
+"""All estimators, or some, over a recording: the output of `teleop-rt replay`, as objects."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ def _text(
 
 
 def _next_step(file: Path, adapter: str, *, handle: bool) -> str:
-    """Return what to do with a new rig: a simulated one runs, another lacks its own values."""
+    """Return the next step with a new rig: a simulated one runs, another lacks its own values."""
     if adapter != "unix":
         return "put in your own values for its placeholders, then teleop-rt check and doctor"
     side, trial = ("operator.rig", "serial_handle") if handle else ("rig", "silicone_cube")

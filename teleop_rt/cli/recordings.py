@@ -170,7 +170,7 @@ def recover(
         recording = recording_of(recording)
         whole = out or recording.with_suffix(".recovered.mcap")
         messages = export.is_whole(recording)
-        shown.phase("writing what can be read")
+        shown.phase("writing the readable messages")
         saved = export.recover(recording, whole) if messages is None else 0
         seconds = export.span_s(whole) if saved else 0.0
     if messages is not None:

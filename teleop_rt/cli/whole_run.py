@@ -1,4 +1,4 @@
-"""A whole trial, from its file to its summary: what the command `run` does."""
+"""A whole trial, from its file to its summary: the work of the command `run`."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Ma
     _finish(summary, failure)
     if summary["interrupted"] or interrupts.came:  # also while summary and report were written
         print(
-            f"interrupted: {folder} keeps what was recorded; nothing further is run",
+            f"interrupted: {folder} keeps the recording so far; nothing further is run",
             file=sys.stderr,
         )
         raise typer.Exit(INTERRUPTED)

@@ -93,7 +93,7 @@ def publish_handle(plant: HandPlant, session: Path) -> None:
 
 
 def publish_truth(rig: SimulatedRig, session: Path) -> Callable[[], None]:
-    """Make the ring of a simulated rig's true motion; return what closes it."""
+    """Make the ring of a simulated rig's true motion; return the function that closes it."""
     ring = publish(session, TRUTH_TOPIC, TRUTH)
     rig.on_truth = ring.push
     return ring.close

@@ -1,4 +1,4 @@
-"""The schema of operators: who or what moves the master."""
+"""The schema of operators: the persons or programs that move the master."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class RecordedOperator(Section):
 
 
 class HandOperator(Section):
-    """A simulated hand that holds the device and pushes towards what it intends."""
+    """A simulated hand that holds the device and pushes towards its intended position."""
 
     kind: Literal["hand"] = Field(
         description=(
@@ -147,7 +147,7 @@ class DeviceOperator(Section):
     """A real device in the operator's hand, through the same drivers as the slave's axis.
 
     Its units are the rig's. `hand` simulates the device's bytes and the hand that holds it; the
-    simulated device is what `rig.device` says, or `plant`, where a trial is about the difference.
+    simulated device is that of `rig.device`, or of `plant`, where a trial is about the difference.
     """
 
     kind: Literal["device"] = Field(
@@ -184,7 +184,7 @@ class DeviceOperator(Section):
 
     @property
     def body(self) -> DeviceBody:
-        """Return what the device says that it is."""
+        """Return the device as its own section describes it."""
         assert self.rig.device is not None  # noqa: S101 - refused above
         return self.rig.device
 

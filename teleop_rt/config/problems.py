@@ -221,7 +221,7 @@ def _written_keys(
     skip: int,
     units: Units | None,
 ) -> KeyPath:
-    """Turn field names into the keys of the file, and drop what pydantic adds for unions."""
+    """Turn field names into the keys of the file, and drop pydantic's additions for unions."""
     written: list[str | int] = list(location[:skip])
     for depth in range(skip, len(location)):
         key = location[depth]

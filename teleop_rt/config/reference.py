@@ -108,7 +108,7 @@ class HomingConfig(Section):
 
 
 class ReferenceConfig(Section):
-    """How the rig finds its zeros before it follows anybody; what is left out is trusted."""
+    """How the rig finds its zeros before it follows anybody; a zero that is left out is trusted."""
 
     tare: TareConfig | None = Field(
         None,

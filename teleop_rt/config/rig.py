@@ -32,7 +32,7 @@ class AxisConfig(Section):
 
     @property
     def executes(self) -> bool:
-        """Whether commands are executed, so that what is measured can be compared with them."""
+        """Whether commands are executed, so that measurements can be compared with them."""
         return True
 
     @property

@@ -1,4 +1,4 @@
-"""The schema of what is measured twice: bounds of supervision, and words that lift a safeguard."""
+"""The schema of quantities measured twice: their bounds, and words that lift a safeguard."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ OVERRIDE = "--set "
 
 @dataclass(frozen=True, slots=True)
 class ConfigProblem:
-    """One thing wrong with a config: where it is, what it is, what to do."""
+    """One problem of a config: its place, the problem, what to do."""
 
     where: str
     message: str

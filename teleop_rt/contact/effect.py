@@ -74,7 +74,7 @@ class Shape:
     body that is held all along is arbitrary. `points` is how finely a search looks at it, in even
     steps of the value, of its logarithm or of its reciprocal. A `phase` [rad] turns the effect
     within the plane of its values at 0 and pi/2, so a search gets it from two linear amplitudes.
-    At its `neutral` value, if it has one, the effect is not what its name says. At its `ideal`
+    At its `neutral` value, if it has one, the effect does not deserve its name. At its `ideal`
     bound it is just that, as friction that turns over at once; at any other bound a law stands in
     for something else.
     """
@@ -116,7 +116,7 @@ class Effect:
     """One physical effect.
 
     `unit` strings use the placeholders {x} and {f} for the rig's units of position and force.
-    `sentence` is what the report says, with the parameters' names as placeholders. Several
+    `sentence` is the report's sentence, with the parameters' names as placeholders. Several
     declarations may share a name: the name is the physics, the `law` one mathematical form of it.
     `like` are the names of a set that gives the same force while the tool moves: where the data
     do not exclude it, it stays in the answer beside this law.

@@ -112,7 +112,7 @@ def surface_at_onset(
 
     In the rig's units. The last is an upper bound (3 deviations) of the mean force before, while
     the tool stood or went in: on its way out of a body damping may take all force away. Where that
-    is no force of free air, the tool had come to rest inside, and what was found is no surface.
+    is no force of free air, the tool had come to rest inside, and the place found is no surface.
 
     positions, forces, measured (n,): a ring of aligned samples, the newest at `last`, of which the
     `apart` newest came since the last release (two or more); `noise` the force's deviation; `quiet`

@@ -28,7 +28,7 @@ _MOST_OUTLIERS = 3
 class Corrections:
     """Corrects samples by fitted effects, tick by tick; `masked` counts those left out.
 
-    `shift` is what was added to the newest position by effects that move the tip or the surface.
+    `shift` is the correction of the newest position by effects that move the tip or the surface.
     """
 
     def __init__(

@@ -173,7 +173,7 @@ def watch_over(state: index.BankState, force: float) -> None:
 def weigh_terms(state: index.BankState) -> None:
     """Sum up the additive effects' forces, and those of the rig, by their known amplitudes.
 
-    That is the selected row's estimate where it is ready and not far from what it started with.
+    That is the selected row's estimate where it is ready and not far from its start.
     """
     q, chosen = state.q, int(state.choice[selection.SELECTED])
     q[index.RIG_FORCE] = q[index.ADDED_FORCE] = q[index.START_FORCE] = 0.0

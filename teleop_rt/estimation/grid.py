@@ -91,7 +91,7 @@ class SampleGrid:
     """Counts the places between two samples that no cycle filled.
 
     Stamps lie on the grid of the loop's deadlines, later by their latency: the phase is that of
-    the earliest so far. `words` are what kernels work on.
+    the earliest so far. `words` are the arrays of the kernels.
     """
 
     def __init__(self, period_ns: int) -> None:

@@ -12,7 +12,7 @@ MAX_PARAMETERS = 8
 Whole = int | None
 """WHOLE compiles all that a bank can do, None only direct regressions by plain `rls`.
 
-Kernels test it against None, which numba decides before it compiles: what is left out costs no
+Kernels test it against None, which numba decides before it compiles: an omitted part costs no
 compile time, and most trials need none of it.
 """
 WHOLE = 1  # any number: its type alone counts

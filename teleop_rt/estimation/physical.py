@@ -107,7 +107,7 @@ def force_variance_by_surface(state: index.BankState, r: int, place: int) -> flo
 def add_surface_error(
     state: index.BankState, r: int, n: int, place: int, integral: bool, out: Matrix
 ) -> None:
-    """Add what the error of a surface makes that had to be found: one error for all samples.
+    """Add the effect of the error of a surface that had to be found: one error for all samples.
 
     So it does not average out as noise does: it moves theta by its sensitivity, times the stiffness
     (or exponent) that theta holds at `place`.

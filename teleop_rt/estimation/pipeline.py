@@ -125,7 +125,7 @@ class Pipeline:
     def at_once(
         self, period_ns: int | None = None
     ) -> Callable[[float, float, bool, int], object] | None:
-        """Return what takes a tick's sample as `update` does, with its stamp, by one kernel.
+        """Return a function that takes a tick's sample and stamp as `update` does, by one kernel.
 
         With a period it ends gaps as a `SampleGrid` finds them. None where Python has a part.
         """

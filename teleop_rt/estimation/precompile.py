@@ -24,7 +24,7 @@ from teleop_rt.kernels.jit import kernel_folder, load_compiler
 
 _type_of = cast("Callable[[Any], Any]", numba.typeof)
 _STATE = _type_of(index.new_state()[0])
-_FORK = multiprocessing.get_context("fork")  # what is loaded is not loaded again
+_FORK = multiprocessing.get_context("fork")  # loaded modules are not loaded again
 _VECTOR, _MATRIX = numba.float64[::1], numba.float64[:, ::1]
 _SAMPLES = (_VECTOR, _VECTOR, numba.boolean[::1])
 _GRID = numba.int64[::1]
@@ -80,7 +80,7 @@ def _ended_at_once(second: ForkProcess) -> Iterator[None]:
         if os.getpid() == this:
             if second.pid is not None:
                 second.kill()
-            print("interrupted: run again, what is compiled is kept", file=sys.stderr, flush=True)
+            print("interrupted: run again, compiled kernels are kept", file=sys.stderr, flush=True)
         os._exit(INTERRUPTED)
 
     before = [signal.signal(number, leave) for number in INTERRUPTS]

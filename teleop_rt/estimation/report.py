@@ -36,7 +36,7 @@ def _status(status: str, deviations: Vector | None) -> str:
     """Return the status of a row with these deviations (None: not known).
 
     A row has deviations once it was ready. It is no longer ready where its data were taken with a
-    surface since found elsewhere: its parameters are less certain then, by what deviations say.
+    surface since found elsewhere: its parameters are less certain then, as their deviations show.
     """
     return UNCERTAIN if status == STATUS_NAMES[WARMING_UP] and deviations is not None else status
 

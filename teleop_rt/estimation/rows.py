@@ -32,7 +32,7 @@ class RowSpec:
     """One estimator: its model, its regression, its solver.
 
     `effects` are additive terms beyond the model, estimated in multiples of `scales` (1 unless
-    given), so that their regressors are forces; `parameters` names what is estimated, the model's
+    given), so that their regressors are forces; `parameters` names the estimated ones, the model's
     own first; a free `offset` joins the linear models while the surface is unknown. `frozen`
     effects keep their initial values instead of being estimated, so that a row is ready before
     the data can distinguish an effect from the model.

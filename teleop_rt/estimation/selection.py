@@ -47,8 +47,8 @@ LEAST_SCORED_S = 0.2
 def freeze(record: Vector, S: Vector, n: int) -> None:
     """Pass an excursion's end: pending parameters become the frozen ones that predict.
 
-    So what predicts is always at least one whole excursion or contact old: one-step errors would
-    reward fast forgetting. S is the row's state in the bank.
+    So predictions are by parameters at least one whole excursion or contact old: one-step errors
+    would reward fast forgetting. S is the row's state in the bank.
     """
     if record[HAS_PENDING] > 0.0:
         for i in range(n):

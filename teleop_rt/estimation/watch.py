@@ -106,7 +106,7 @@ def judge_residual(
 ) -> None:
     """Take in one residual; raise or take back the alarm at the end of a block.
 
-    `noise` is the force's as configured, `by_position` what errors of encoder and surface do to
+    `noise` is the force's as configured, `by_position` that by errors of encoder and surface in
     the force, `span` the range of the force so far.
     """
     watch[SUM] += residual

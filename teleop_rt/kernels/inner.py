@@ -48,7 +48,7 @@ _Options.__eq__, _Options.__hash__ = _equal, _hashed
 
 
 class _InnerLibrary(_Library):  # type: ignore[misc] # numba has no types
-    """The code of one function; what it calls is linked beside it, not into it."""
+    """The code of one function; its callees are linked beside it, not into it."""
 
     def finalize(self) -> None:
         """Take the code as it is: its outermost caller optimises it."""

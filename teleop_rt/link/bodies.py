@@ -46,7 +46,7 @@ class NewestMotion:
     """The body of the newest motion, as it came, and whether there is one, for kernels.
 
     `stored` (1,) has the fields of a motion's body, and `known`, 0 while there is none; `words`
-    are the same by byte, for what takes a body.
+    are the same by byte, for functions that take a body.
     """
 
     def __init__(self) -> None:

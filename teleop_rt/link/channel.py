@@ -70,11 +70,11 @@ _READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 class Endpoint(EndpointState):
     """One end of the link over a transport, in the role of master or slave.
 
-    `poll()` drains what has arrived, then `motion`, `model` and `state` hold the newest of
+    `poll()` drains all arrived packets, then `motion`, `model` and `state` hold the newest of
     each or None, and the `fresh_...` flags say which came in this poll. `send()` before the
-    session stands does nothing. `stale_after_ns` bounds the age of what is taken in. `clock` is
+    session stands does nothing. `stale_after_ns` bounds the age of messages taken in. `clock` is
     the peer's, fixed by its follower. For kernels `newest_motion` is `motion`, and `words`
-    are what `intake` works on.
+    are the arrays of `intake`.
     """
 
     def __init__(

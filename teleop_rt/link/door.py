@@ -68,7 +68,7 @@ class PacketDoor:
         return self._words[_RECEIVED]
 
     def sealed(self, length: int) -> memoryview:
-        """Return what follows the header in the first packet, which is of another length."""
+        """Return the body of the first packet, which is of another length."""
         self.length, self.newest = length, self._memory[HEADER_BYTES:length]
         return self.newest
 
@@ -86,7 +86,7 @@ def receive_expected(
     session: int,
     kinds: int,
 ) -> int:
-    """Receive what waits; return the length of the packet if there is one and it is expected.
+    """Receive the waiting packets; return the length of a single one that is expected.
 
     That is one more of this session, of one of these kinds (bits), from this sender: the first
     word of its address. Whatever else came lies as it was received, and OTHER is returned.

@@ -7,7 +7,7 @@
 As in WireGuard (Donenfeld 2017, section 5.4.7): mac1 is made with the pre-shared key, so a packet
 without it costs a hash and is never answered. Under load a Hello is answered by a cookie, made
 from its sender's address; only who receives it there can send the mac2 that gets more work done.
-The master sends one and the same Hello until it is answered. The slave keeps what it granted as a
+The master sends one and the same Hello until it is answered. The slave keeps its grant as a
 pending handshake and moves to it on the first data packet under its keys, which proves that the
 master lives: a Hello played again costs an answer and never a session.
 """

@@ -114,7 +114,7 @@ class StateMessage(NamedTuple):
     `verified_free` is the deepest position found without contact; `following` is true while
     the slave executes the master's motion; `energy_J` all that the environment has put into
     the coupling so far; `inadequate` that the model leaves structure in the force. The force is
-    without what the rig's own effects add, as far as they are known.
+    without the force of the rig's own effects, as far as they are known.
     """
 
     position: float

@@ -17,7 +17,7 @@ TROUBLES: tuple[tuple[str, str], ...] = (
         "version",
         "packets arrive of another protocol version: install the same on both sides",
     ),
-    ("rate", "the peer's rate is outside of what this side accepts"),
+    ("rate", "the peer's rate is outside of this side's link.accepted_rates_hz"),
     ("magic", "a foreign program sends to this port: choose another"),
     (
         "nothing",

@@ -5,7 +5,7 @@ energy stored under the hand by ΔE = Δw (V_new - V_old); the first is limited 
 second is paid from a tank that the hand's own dissipation fills (Franken et al. 2011). A force
 that changes within a tenth of a second is a kick: it sets off the ringing of a hand on a wall. So
 w follows a cosine over `BLEND_S`, whose tones die above 1/BLEND_S; a large change takes longer, and
-what changes the force by less than the step takes as much less time: estimates that converge are
+a change of less than the force step takes as much less time: estimates that converge are
 followed as they come.
 
 A wall that arrives in the middle of a blend waits, the newest replacing the one before. It
@@ -36,7 +36,7 @@ BLEND_S = 0.2
 GENTLE_STEPS = 4.0
 """Force steps up to which a change takes `BLEND_S`; a larger one takes longer by the root of it.
 
-The tones of a cosine of length T fall with the square of fT, so that what rings stays the same: at
+The tones of a cosine of length T fall with the square of fT, so that the ringing stays the same: at
 5 Hz on 6 kN/m swings of 0.2 mm, as after 0.2 s for the 2 N of four steps of the shipped handles.
 """
 LONGEST_S = 0.5
@@ -50,7 +50,7 @@ PLACE_HALVINGS = 16
 class Adoption:
     """The rendered wall: an old one and a new one, blended.
 
-    `stored_J` is what the springs hold at the hand in this tick.
+    `stored_J` is the energy of the springs at the hand in this tick.
     """
 
     def __init__(self, force_max: float, force_step: float, tank: Tank) -> None:
@@ -133,7 +133,7 @@ class Adoption:
         self.old = self.new = replace(wall, surface=position - (felt + change) / wall.k)
 
     def move(self, position: float, dt_s: float, most_W: float) -> float:
-        """Let the surfaces move for a tick; return what energy [J] they put into the springs.
+        """Let the surfaces move for a tick; return the energy [J] that they put into the springs.
 
         They move more slowly where they would work on the hand with more than `most_W`.
         """

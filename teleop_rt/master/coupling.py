@@ -46,7 +46,7 @@ class PassiveReflection:
 
     The hand takes no more energy out of the channel than the environment is known to have put
     in at the other end; beyond that the force is damped (impedance controller). The slave guards
-    the other direction. Each end lends a reserve, in sum what the tank of a rendered model may
+    the other direction. Each end lends a reserve, in sum as much as a rendered model's tank may
     spend.
 
     The textbook's f = f_s + α v leaves a force whole as long as the hand does not yield: a light

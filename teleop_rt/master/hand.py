@@ -80,7 +80,7 @@ class Hand:
         return self._position, self._velocity
 
     def intend(self, t_s: float, felt_force: float) -> Wish:
-        """Return what the hand wants at `t_s`, having felt a force since the last call."""
+        """Return the hand's intent at `t_s`, after a force felt since the last call."""
         self._felt.append(felt_force)
         goal, rate = self._intention.update(t_s, self._felt[0])
         elapsed_s, self._t_s = t_s - self._t_s, t_s

@@ -107,7 +107,7 @@ class Mass(Keys):
 
 
 class Rendering(Keys):
-    """The master's own account of what it rendered."""
+    """The master's own account of its rendering."""
 
     state: Literal["WAITING", "ENGAGED", "FROZEN", "DECLUTCHED"]
     """How the master was coupled at the end."""

@@ -22,7 +22,7 @@ for each tone alone the hand then needs
 which is K T/2 for a spring and 0.217 B for a damper. The conditions are convex in K and B, so a
 blend of walls that satisfy them satisfies them too.
 
-At the bound a spring's latency takes all of the device's friction: what rings then is damped by the
+At the bound a spring's latency takes all of the device's friction: ringing is then damped by the
 hand alone, and a hand that is loose, or reacts late, rings for long. K e^{-jωτ} is K - jωKτ at the
 tones of a hand, and B = Kτ cancels it; but the stiffer the spring, the less damping fits beside it.
 So a spring that has to be softened is softened to the stiffest beside which its own Kτ fits: then

@@ -28,7 +28,7 @@ STATES_AT_REST = 10
 class Provisional:
     """Follows the states of a touch; `rise` is the least force over which a slope is taken.
 
-    `wall` is what is known of it, `slope` what was measured last, 0 before that. The rise is also
+    `wall` is the part known of it, `slope` the last measured one, 0 before that. The rise is also
     a margin by which the wall may exceed a force measured at rest. Slopes are taken on the way in
     alone: on the way out damping has the other sign.
     """
@@ -54,7 +54,7 @@ class Provisional:
     def update(self, state: StateMessage) -> Wall | None:
         """Return the wall that a newer state shows, None where it is about the same.
 
-        `gives_way` says whether it is the one before that has given way to what the tool feels.
+        `gives_way` says whether it is the one before that has given way to the tool's force.
         """
         self.gives_way = False
         if not state.in_contact:

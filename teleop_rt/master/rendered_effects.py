@@ -54,7 +54,7 @@ class EffectMemory:
 
     @property
     def in_contact(self) -> bool:
-        """Whether it acts in contact alone; what acts outside, too, may pull."""
+        """Whether it acts in contact alone; one that acts outside, too, may pull."""
         return self.effect.only_in_contact
 
     def advance(self, depth: float, velocity: float, t_s: float, dt_s: float) -> None:
@@ -87,7 +87,7 @@ class EffectMemory:
         return at_rest(self.effect, self.eta, depth) if touches(depth) else 0.0
 
     def energy(self, depth: float) -> float:
-        """Return what is stored per unit amplitude: in a spring of the depth, or an internal one.
+        """Return the energy per unit amplitude: in a spring of the depth, or an internal one.
 
         An internal spring of the quick stiffness s holds z^2 / (2 s) at the force z.
         """

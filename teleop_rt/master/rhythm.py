@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 SHORTEST_S, LONGEST_S, PERIODS = 1.0, 10.0, 96
 """Periods of breath, in steps of 2.5 %: one between two errs by 4 % of the motion in a third."""
 MEMORY_PERIODS, LEAST_PERIODS, JUDGED_PERIODS = 1.2, 1.2, 0.3
-"""Of its own: what an oscillator remembers, and how long it is fed, and judged, until it counts."""
+"""Of its own: an oscillator's memory, and how long it is fed, and judged, until it counts."""
 UNKNOWN = 1e3
 """Variance of a state of which nothing is known, in variances of a sample."""
 SAMPLE_S, CONTIGUOUS_S = 0.04, 0.15

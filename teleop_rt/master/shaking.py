@@ -1,8 +1,8 @@
 """Reaction to a handle that oscillates by itself: bound the energy, render softer, let go.
 
 A hand that shakes and a wall that shakes the hand look alike while they last: on a device as
-damped as it says, a wall at its bound feeds every swing with just what the device takes. They
-differ in what follows. Where force is given back only as far as energy was taken, a handle that
+damped as it says, a wall at its bound feeds every swing with just the device's losses. They
+differ in their end. Where force is given back only as far as energy was taken, a handle that
 lived on the wall's energy comes to rest, and begins again when that ends; a trembling hand goes on.
 So the bounding is always first, for it is hardly felt, and walls are rendered softer only where an
 oscillation stopped by it came back, or where one goes on for so long that no hand makes it.

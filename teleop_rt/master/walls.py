@@ -136,7 +136,7 @@ class Wall:
         """Return the energy stored in the spring [J], 0 where it is relaxed.
 
         Beyond `force_max` the spring pushes no harder, and stores that much less. Effects beside
-        it add what their own springs hold.
+        it add the energy of their own springs.
         """
         x = position - self.surface_now
         own = stored(self.law, x, force_max)

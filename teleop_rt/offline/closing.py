@@ -49,7 +49,7 @@ ANSWERS = {
     "unexplained": "something is left that no known effect explains: the model is left as it is",
 }
 DRAFTED = (
-    "no known effect explains what is left: a law was drafted from it, which you may name and"
+    "no known effect explains the remainder: a law was drafted from it, which you may name and"
     " change in draft_effect.py"
 )
 HOW = {

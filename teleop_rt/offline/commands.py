@@ -103,7 +103,7 @@ def _evidence(effect: Mapping[str, Any], probability: Mapping[str, float]) -> st
     if (chance := probability.get(effect["name"])) is None:
         return ""
     share = 100.0 * effect["explains"]
-    return f" Probability {chance:.2f}; explains {share:.3g} % of what the base leaves."
+    return f" Probability {chance:.2f}; explains {share:.3g} % of the base's residual."
 
 
 def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
@@ -164,13 +164,13 @@ def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
     if (nearest := answer["nearest"]) is not None:
         say(
             f"  nearest: {' + '.join(nearest['effects'])}, of the family {nearest['family']},"
-            f" explains {100.0 * nearest['share']:.0f} % of what the base leaves: NRMSE before"
+            f" explains {100.0 * nearest['share']:.0f} % of the base's residual: NRMSE before"
             f" {_share(nearest['before'])}, after {_share(nearest['after'])}"
         )
     if answer["dependence"] is not None:
         parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
         text = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0.0)
-        say(f"  what is left depends on: {text}")
+        say(f"  the remainder depends on: {text}")
 
 
 def size_seen(effect: Mapping[str, Any]) -> str:

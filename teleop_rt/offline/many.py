@@ -139,7 +139,7 @@ def _ends_with_words(results: Sequence[object], count: int, keep: Path | None) -
         done = "" if count == 1 else f" after {len(results)} of {count} recordings"
         next_step = "" if count == 1 else "; with --out finished answers are kept"
         if keep is not None:
-            next_step = f"; {keep} keeps what was answered, and the same command goes on"
+            next_step = f"; {keep} keeps the answers so far, and the same command goes on"
         print(f"interrupted{done}{next_step}", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from None
 

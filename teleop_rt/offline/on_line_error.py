@@ -13,7 +13,7 @@ from teleop_rt.realtime.reading import read_topics
 _SLAVE = "/slave"
 _SIGNALS = ("stamp_ns", "filtered_force", "predicted_force")
 _FAST_S = 0.1
-"""Window [s] in which a hand, of some 5 Hz at most, changes a force smoothly; what is left beside
+"""Window [s] in which a hand, of some 5 Hz at most, changes a force smoothly; the remainder beside
 the mean of that window is noise, or the transient of a touch."""
 _CAUSE_SHARE = 0.5
 """Share of an error's growth, in energy, from which one cause is said."""

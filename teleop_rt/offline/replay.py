@@ -105,7 +105,7 @@ def _doubtful_unit(rows: Sequence[dict[str, Any]], online: Online) -> str | None
 
 REJECTED = (
     "the residual of the best model is not white: something is missing in it, so the parameters may"
-    " be wrong and have no deviations; `teleop-rt diagnose` names what is missing"
+    " be wrong and have no deviations; `teleop-rt diagnose` names the missing effect"
 )
 
 

@@ -121,7 +121,7 @@ class Diagnosing:
         """Return the diagnosis' answer without its duration: the same data, the same answer."""
         path = recording_of(recording)
         enter(f"reading {recording.name}")
-        give_back_compiler()  # what its kernels need of it is read again, two fifths of it
+        give_back_compiler()  # its kernels read the parts that they need again, two fifths of it
         if self.test is not None:
             refuse_itself(path, recording_of(self.test))
         loaded = load_any(path, self.table)

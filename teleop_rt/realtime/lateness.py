@@ -35,7 +35,7 @@ IN_TIME, LATE_STOP = Late.IN_TIME, Late.STOP
 _IN_TIME, _HOLD, _STOP = range(3)  # for kernels, which know numbers alone
 
 
-# A record of lateness: bounds, what they came to, and from NEWEST on the newest late ticks.
+# A record of lateness: bounds, counts, and from NEWEST on the newest late ticks.
 (
     HOLD_NS,
     STOP_NS,
@@ -158,7 +158,7 @@ class Lateness:
 
 @shared
 def late_ns(skipped: int, wake_latency_ns: int, period_ns: int) -> int:
-    """Return how late a tick began: the ticks skipped before it, and what it woke up after its own.
+    """Return how late a tick began: the skipped ticks before it, and its own late wake-up.
 
     A wake-up that is late by whole periods is in `skipped` already.
     """

@@ -141,7 +141,7 @@ def unpack_chunk(content: bytes, decompressor: zstandard.ZstdDecompressor) -> by
 
     A chunk is believed to unpack to what it states only as far as its compression says the same:
     a megabyte of zstd may hold terabytes. As we pack it, this is done here, with one decompressor
-    for all chunks, where the library makes one for each; what others pack otherwise is left to it.
+    for all chunks, where the library makes one for each; other compressions are left to it.
     """
     *_, size, checksum, letters = _CHUNK.unpack_from(content)
     if size > LONGEST_CHUNK:

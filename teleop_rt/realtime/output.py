@@ -14,7 +14,7 @@ _MOST_AT_ONCE = 1 << 20
 class PatientFile:
     """A file whose content waits in memory until `hand_over` writes it to the disk.
 
-    A disk that is full, read-only or broken raises nothing: `problem` says what it said, the rest
+    A disk that is full, read-only or broken raises nothing: `problem` has its error, the rest
     keeps waiting, and a later `hand_over` goes on where this one stopped. So the file on the disk
     is at any time the beginning of the whole one.
     """

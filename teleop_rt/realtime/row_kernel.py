@@ -117,7 +117,7 @@ def read_row(
 ) -> int:
     """Read a row's wanted numbers into place `to`; return where they end, 0 for another row.
 
-    `keys` are what comes before each value, one after the other, up to `ends` (n,); `wanted` (n,)
+    `keys` are the texts before each value, one after the other, up to `ends` (n,); `wanted` (n,)
     holds the column of each.
     """
     begin = 0

@@ -210,7 +210,7 @@ def _stay_awake() -> Privilege:
 
 
 def lock_memory() -> Privilege:
-    """Lock what is mapped, and what will be unless a limit would then refuse it altogether."""
+    """Lock the mapped memory, and later mappings unless a limit would then refuse them."""
     how = "sudo prlimit --pid $$ --memlock=unlimited, or LimitMEMLOCK=infinity in the service"
     flags, reason = _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT, "every page that is used"
     if not _may_lock_without_limit():

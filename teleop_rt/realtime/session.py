@@ -144,7 +144,7 @@ class Recorder:
         """Record into `writer`; `watchers` see the new rows of a topic as they are written.
 
         Where a recorder of this session has ended before, this one goes on where that one had
-        come to: the rings still hold what it had not brought to the disk.
+        come to: the rings still hold the rows that it had not brought to the disk.
         """
         self._session = session
         self.writer = writer
@@ -165,7 +165,7 @@ class Recorder:
             self.writer.add_topic(topic, table)
 
     def drain(self) -> int:
-        """Write what has come since the last call; returns the number of rows.
+        """Write the rows since the last call; returns their number.
 
         While too much waits for the disk, rows are dropped and counted; watchers see them still.
         """

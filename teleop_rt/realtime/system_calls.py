@@ -158,7 +158,7 @@ def number_in_text(place: int, ends: NDArray[np.int64], ends_place: int, length:
 
 @kernel
 def keep_order() -> None:
-    """Keep what is written before this call before what is written after it.
+    """Keep writes before this call ahead of writes after it.
 
     A compiler moves no store across a call of a function that it does not know.
     """

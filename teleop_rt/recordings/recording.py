@@ -36,7 +36,7 @@ class Recording:
     """Position and force, evenly spaced; `mask` is 0 where samples were missing.
 
     Units are the rig's, `m` and `N` or `rad` and `Nm`; x > 0 points into the environment, f > 0
-    presses on it. `surface` is what the recording itself says, None where it says nothing; `jitter`
+    presses on it. `surface` is the recording's own statement, None where it has none; `jitter`
     is how far samples were taken from where they lie now, as a share of their period;
     `units_stated` where the file or the user says the units of position and force; `force_step` is
     the step in which the force was read before it was resampled, 0 where none is seen; `start_s` is

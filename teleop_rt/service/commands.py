@@ -129,14 +129,14 @@ def lines(status: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _last_fault(last: Mapping[str, Any]) -> str:
-    """Give when the axis was last stopped for a fault, and what a device said of it."""
+    """Give the time of the axis' last stop for a fault, and the device's report of it."""
     ago_s = (time.monotonic_ns() - last["stamp_ns"]) * 1e-9
     said = f"; {last['said']}" if last["said"] else ""
     return f"last fault: {last['fault']}, {ago_s:.0f} s ago{said}"
 
 
 def _link(link: Mapping[str, Any]) -> str:
-    """Give the link in a line: what keeps it from standing, or how it goes."""
+    """Give the link in a line: the cause why it does not stand, or its quality."""
     lost = (
         f"{link['packets_lost']} of {link['packets_lost'] + link['packets_received']} packets lost"
     )

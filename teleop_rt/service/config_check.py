@@ -19,13 +19,13 @@ LONGEST_S = 60.0
 MOST_BYTES = 2 << 30
 """Of address space; the check of a shipped trial needs less than half of it."""
 LONGEST_ANSWER = 20_000
-"""Bytes read of what a check prints."""
+"""Bytes read of a check's output."""
 ENDED_FIRST = "1000"
-"""The kernel's word (proc(5), oom_score_adj) for what it ends first where memory runs out."""
+"""Score (proc(5), oom_score_adj) of processes that the kernel ends first if memory runs out."""
 
 
 class ConfigCheck:
-    """`teleop-rt check` of what a daemon runs, as its file is now; ends by itself or is ended."""
+    """`teleop-rt check` of a daemon's config, as its file is now; ends by itself or is ended."""
 
     def __init__(self, description: Mapping[str, Any]) -> None:
         """Start the check; `description` is the daemon's own (file and overrides)."""
@@ -54,13 +54,13 @@ class ConfigCheck:
         return self.process.poll() is None
 
     def end(self) -> None:
-        """End it at once, and forget what it has said."""
+        """End it at once, and forget its output."""
         self.process.kill()
         self.process.wait()
         self._output.close()
 
     def problem(self) -> str:
-        """Return what is wrong with the config, once the check has ended; empty for nothing."""
+        """Return the problems of the config, once the check has ended; empty for none."""
         code = self.process.wait()
         self._output.seek(0)
         said = self._output.read(LONGEST_ANSWER).decode(errors="replace").strip()

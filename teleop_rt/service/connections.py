@@ -53,7 +53,7 @@ def _process_of(peer: socket.socket) -> int:
 class Connections:
     """Takes requests in, and gives each its answer when it is there.
 
-    `handle` starts to answer a request: what it does before its first pause is done at once.
+    `handle` starts to answer a request: its work up to the first pause is done at once.
     """
 
     def __init__(self, handle: Handle, listening: socket.socket) -> None:
@@ -64,7 +64,7 @@ class Connections:
         self.clients: dict[socket.socket, _Client] = {}
 
     def serve_once(self, timeout_s: float) -> None:
-        """Take in what comes, go on with what is being answered, drop clients that stay silent."""
+        """Take in requests, go on with answers, and drop clients that stay silent."""
         waiting = any(client.answering for client in self.clients.values())
         for key, _ in self._selector.select(POLL_S if waiting else timeout_s):
             peer: Any = key.fileobj

@@ -4,7 +4,7 @@
 
 The loop's process could not do this without stopping for it, so each helper has a keeper. It loads
 the module once and forks a helper that runs the module's `main(ARGUMENTS)`: the next one is there
-within milliseconds, also on a busy machine. The keeper passes on what its helper says, and leaves
+within milliseconds, also on a busy machine. The keeper passes its helper's output on, and leaves
 in the session how often that one had to be started again.
 """
 
@@ -99,7 +99,7 @@ def _same(process: Mapping[str, Any]) -> bool:
 
 
 def _identity(process: int) -> dict[str, int | None]:
-    """Return what no other process has: its number, and when it began, None once it has ended."""
+    """Return a process's identity: its number and its beginning, None once it has ended."""
     return {"pid": process, "began": began(process)}
 
 
@@ -253,7 +253,7 @@ def keep(name: str, session: Path, main: Main, arguments: Sequence[str]) -> int:
 
 
 def main() -> int:
-    """Keep the helper that the command line names; return what it ended with."""
+    """Keep the helper that the command line names; return its exit code."""
     name, session, module, *arguments = sys.argv[1:]
     return keep(name, Path(session), importlib.import_module(module).main, arguments)
 

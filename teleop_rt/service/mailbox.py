@@ -1,9 +1,9 @@
 """Commands for the loop through shared memory: it looks at a few words a tick, and never waits.
 
 A command server in another process writes a request; the loop obeys in its next tick and writes
-what came of it. One request is under way at a time, and counts only while its server keeps it
-alive: what a killed server left behind is not carried out. Stop has words of its own: it waits for
-no other command, never expires, and what was asked before it is dropped.
+its result. One request is under way at a time, and counts only while its server keeps it
+alive: requests left by a killed server are not carried out. Stop has words of its own: it waits for
+no other command, never expires, and requests before it are dropped.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class CommandBox:
         self._words[_ALIVE_UNTIL] = 0
 
     def reply(self, number: int) -> Reply | None:
-        """Return what came of a request, None while it is under way (the server's end)."""
+        """Return the result of a request, None while it is under way (the server's end)."""
         return Reply(self._words[_REPLY]) if self._words[_ANSWERED] == number else None
 
     def ask_to_stop(self) -> int:

@@ -85,7 +85,7 @@ def name_of(rig_name: str) -> str:
 def run_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """Return the folder in which a daemon of this user puts its files.
 
-    That is TELEOP_RT_RUN_DIR, else what systemd gives a service (RUNTIME_DIRECTORY), else the
+    That is TELEOP_RT_RUN_DIR, else systemd's folder for a service (RUNTIME_DIRECTORY), else the
     user's own (XDG_RUNTIME_DIR), else one in the folder for temporary files.
     """
     for variable in (CHOSEN, "RUNTIME_DIRECTORY"):
@@ -101,7 +101,7 @@ def _own_folder(environment: Mapping[str, str]) -> Path:
 
 
 def _anothers(folder: Path) -> bool:
-    """Return whether somebody else made this folder, or anybody may change what is in it."""
+    """Return whether somebody else made this folder, or anybody may change its files."""
     try:
         found = folder.lstat()
     except OSError:
@@ -137,7 +137,7 @@ class Claim:
 
     The buses and ports that reach a rig are locked, so that a copy of the config under another
     name is no way around it. The kernel releases a lock when the process ends, however it ends:
-    what a crash left behind is no obstacle.
+    files that a crash left behind are no obstacle.
     """
 
     def __init__(self) -> None:
@@ -151,10 +151,10 @@ class Claim:
         self.release()
 
     def take(self, rig_name: str, reached_by: Sequence[str], session: Path) -> DaemonFiles:
-        """Hold this rig instead of what is held so far, and say that its rings are in `session`.
+        """Hold this rig instead of the one held so far, and say that its rings are in `session`.
 
         Raises BusyError while another process holds one of its buses and ports, PlaceError where
-        the folder for it cannot be written; what is held so far then stays held.
+        the folder for it cannot be written; the rig held so far then stays held.
         """
         folder = _writable(run_folder())
         if folder == _own_folder(os.environ) and _anothers(folder):

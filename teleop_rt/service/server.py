@@ -44,9 +44,9 @@ AGAIN: Answer = {"again": True}
 
 
 def _asked(request: bytes) -> object:
-    """Return what a request asks for; one that names a key twice could mean either.
+    """Return the command of a request; one that names a key twice could mean either.
 
-    Raises ValueError, TypeError, KeyError or RecursionError for what asks for nothing.
+    Raises ValueError, TypeError, KeyError or RecursionError for one without a command.
     """
     content = json.loads(request.decode("utf-8"), object_pairs_hook=_distinct)
     return content["command"]
@@ -139,7 +139,7 @@ class CommandServer:
             self._occupied = False
 
     def _check(self, description: Mapping[str, Any]) -> Generator[None, None, str]:
-        """Return what is wrong with the config file as it is now; empty where nothing is."""
+        """Return the problems of the config file as it is now; empty for none."""
         check = ConfigCheck(description)
         try:
             while check.running:

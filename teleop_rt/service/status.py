@@ -33,7 +33,7 @@ _COLUMN = columns(SLAVE)
 
 
 def read_status(session: Path) -> dict[str, Any]:
-    """Return the status of the daemon whose rings lie in `session`; what is unknown is None."""
+    """Return the status of the daemon whose rings lie in `session`; an unknown value is None."""
     description = json.loads((session / DESCRIPTION).read_text(encoding="utf-8"))
     row = RingReader(session / SLAVE_RING).newest()
     values = {} if row is None else {name: float(row[_COLUMN[name]]) for name in _COLUMN}

@@ -90,7 +90,7 @@ def by_tool(t: Tick) -> float:
     mass M follows the master with C1 = Zs + Cs, C3 = 1 + C5 and the local force feedback C5. In the
     deviation u = v_s - v_m the master's acceleration, which C1 asks for, falls out:
     M u' = K (x_m - x_s) - B u + (1 + C5)(f_hand - g f_env), with the share g of the force that the
-    hand is to feel: else the tool would yield to what is left of it.
+    hand is to feel: else the tool would yield to the rest of it.
     """
     moved = t.lead - t.heard
     t.heard = t.lead

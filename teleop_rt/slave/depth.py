@@ -33,7 +33,7 @@ def model_depth(t: Tick, force: float, velocity: float) -> float:
 
 @kernel
 def depth_cap(t: Tick) -> float:
-    """Return the depth at which the force cap is reached, by the model and by what is measured.
+    """Return the depth at which the force cap is reached, by the model and by the measured force.
 
     In contact the model only says how much further the measured force leaves room: so an error
     of the surface, or of the stiffness so far, is none of the cap.

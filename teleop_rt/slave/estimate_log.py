@@ -1,4 +1,4 @@
-"""Record what every estimator holds, one of them a tick, so that no tick pays for all."""
+"""Record the state of every estimator, one of them a tick, so that no tick pays for all."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ def log(
     number: int,
     stamp_ns: int,
 ) -> None:
-    """Write what the estimator of this number holds now into its ring, by way of a row of it."""
+    """Write the present state of the estimator of this number into its ring, by way of a row."""
     write_logged(one, places, room, row, number, stamp_ns)
     put(header, words, row)
 
 
 class EstimateLog:
-    """One ring for each estimator; `turns` gives without end what fills the next one's.
+    """One ring for each estimator; `turns` gives in turn, without end, functions that fill them.
 
     That takes the present time of the slave's clock [ns].
     """

@@ -47,7 +47,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """A fault, when it came, and what a device said of it, in its own words; empty for nothing."""
+    """A fault, its time, and the device's report of it, in its own words; empty for none."""
 
     fault: Fault
     stamp_ns: int

@@ -17,7 +17,7 @@ _STAMP, _VALID = sample_place("stamp_ns"), sample_place("valid")
 
 
 def feed_of(pipeline: Pipeline, period_ns: int, sample: Sample) -> Feed:
-    """Return how what is in a sample reaches the estimators of a loop of this period."""
+    """Return the way of a sample to the estimators of a loop of this period."""
     pairing = pipeline.settings.pairing(period_ns)
     if pairing is None:
         take = pipeline.at_once(period_ns)

@@ -16,7 +16,7 @@ cap/f: the target goes no deeper, and above the cap it is at once at least a ste
 front of the tool. A wall that stiffens with depth is far steeper ahead than its secant, so the tool
 goes no further than the slope that was measured last, taken AHEAD times, leaves room for, by the
 force as it will be once a command has turned the drive. A tool that moves at v goes v TURN_S
-further whatever is commanded, so the command uses what is left of that room no faster than in
+further whatever is commanded, so the command uses the rest of that room no faster than in
 TURN_S: at a jump of the target, a locking foam is met slowly enough to be turned in. The room
 counts from the tool, or from the command where the tool is still to be drawn back to it: its way
 back into a damped body is force, too. Within the known surface it counts at any force: a tool on

@@ -26,7 +26,7 @@ class Phase(Enum):
 class Homing:
     """One search, in the encoder's own coordinates; commands run on from where the tool stands.
 
-    `command` is the position to command, `shift` what to add to the encoder's position once
+    `command` is the position to command, `shift` the correction of the encoder's position once
     `phase` is DONE.
     """
 

@@ -42,7 +42,7 @@ def towards(t: Tick, target: float) -> float:
 
 @kernel
 def reachable(t: Tick, velocity: float) -> float:
-    """Return the nearest velocity within reach, pace, limit and what the range lets brake."""
+    """Return the nearest velocity within reach, pace, limit and the room left for braking."""
     before, step = t.command_velocity, t.velocity_step
     velocity = min(velocity, t.pace)
     velocity = min(max(velocity, before - step), before + step)
@@ -61,7 +61,7 @@ def stand_at(t: Tick, position: float) -> None:
 
 @kernel
 def limit(t: Tick, target: float) -> float:
-    """Return the command of this cycle on the way to `target`; counts what it changed.
+    """Return the command of this cycle on the way to `target`; counts its changes.
 
     A target that is no number is not followed: the axis brakes to rest.
     """

@@ -21,7 +21,7 @@ from teleop_rt.slave.depth import LINEAR
 from teleop_rt.slave.record import TickRecord, place
 
 _EVERY_TICKS = 10
-"""Ticks between two looks at the model, where a deadband decides what is sent."""
+"""Ticks between two looks at the model, where a deadband decides on sending."""
 _NOISE_FACTOR = 2.0
 """Deviations of noise that a difference of two walls must exceed to be felt."""
 _MODEL, _MODEL_K, _ADDED = place("model"), place("model_k"), place("model_added")
@@ -49,7 +49,7 @@ class ModelSender:
         now_ns: Callable[[], int],
         record: TickRecord,
     ) -> None:
-        """Send what `streaming` has, from the contact that is in the record of a tick."""
+        """Send the model of `streaming`, from the contact that is in the record of a tick."""
         self._record = record
         self._streaming = streaming
         self._endpoint = endpoint
@@ -106,7 +106,7 @@ class ModelSender:
             self._endpoint.send_body(_KIND, self._body)
 
     def _note_effects(self) -> None:
-        """Write what the effects of a linear model add to its depth into the record of a tick.
+        """Write the depth that a linear model's effects add into the record of a tick.
 
         That is the largest stiffness that those of the environment add, up to the force cap.
         """

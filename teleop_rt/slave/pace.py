@@ -1,4 +1,4 @@
-"""How fast the tool may go towards what it may meet.
+"""How fast the tool may go towards a body that it may meet.
 
 No guard prevents the force of a wall that a tool meets too fast, so a wall must be met slowly where
 its stiffness is not known. A drive of the acceleration a stands v t + v²/2a after the wall, t being
@@ -62,7 +62,7 @@ def met_within_cap(rig: RigConfig, force_cap: float, speed: float) -> float:
 
 @kernel
 def pace(t: Tick, deepest: float) -> float:
-    """Return the speed towards the environment at which what may be there can be met.
+    """Return the speed at which the tool can meet any body that may be there.
 
     `deepest` is the depth of the cap by the model, infinite while there is none.
     """

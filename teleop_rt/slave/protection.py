@@ -58,7 +58,7 @@ def protect(trial: TrialConfig, record: TickRecord) -> Protection:
 
 
 def _write_settings(trial: TrialConfig, record: TickRecord) -> None:
-    """Write into the record of a tick what none of the parts writes."""
+    """Write the fields of a tick's record that none of the parts writes."""
     tick, rig = record.tick, trial.rig
     set_coupling(tick, trial.mode, trial.coupling)
     # A drive has run its last command out by then, or the axis holds before.

@@ -1,7 +1,7 @@
 """Everything that a tick of the slave's decisions reads and writes: one preallocated record.
 
-Kernels read and write its fields by name. Python writes what came in, and reads what is to go out,
-through two views of the same words, which takes a fraction of what a field of numpy takes.
+Kernels read and write its fields by name. Python writes the inputs, and reads the outputs,
+through two views of the same words, which takes a fraction of the time of numpy's fields.
 """
 
 from __future__ import annotations

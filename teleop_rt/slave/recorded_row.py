@@ -1,4 +1,4 @@
-"""The end of a tick's row as one kernel: what is known last, and the row into its ring."""
+"""The end of a tick's row as one kernel: its last values, and the row into its ring."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def record_row(
     work_us: float,
     wake_us: float,
 ) -> None:
-    """Complete a row with what the tick ends with, and write it into its ring.
+    """Complete a row with the tick's last values, and write it into its ring.
 
     `row` (columns,) are the numbers of `rows` (1,); `sending` knows the model last sent.
     """
@@ -43,6 +43,6 @@ def record_row(
 def row_recorder(
     ring: RingWriter, row: NamedRow, sending: StoredSending
 ) -> Callable[[int, float, float], None]:
-    """Return what completes a row and writes it: with the trouble, the work and the wake-up."""
+    """Return the function that completes and writes a row: with trouble, work and wake-up."""
     arrays = *ring_words(ring), row.stored.view(np.float64), row.stored, sending
     return bound(record_row, arrays, 0, 0.0, 0.0)

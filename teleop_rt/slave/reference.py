@@ -1,4 +1,4 @@
-"""The rig's zeros: what tare and homing found, applied to every sample and every command."""
+"""The rig's zeros, from tare and homing, applied to every sample and every command."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Reference:
         return self.tared and self.homed
 
     def apply(self, sample: Sample) -> None:
-        """Turn what an axis has just read into true force and position, as far as known."""
+        """Turn an axis' newest readings into true force and position, as far as known."""
         if self._tare is not None and self._tare.done:
             sample.force -= self._tare.offset
         sample.position += self._shift

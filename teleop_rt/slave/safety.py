@@ -27,7 +27,7 @@ _FORCE_LIMIT, _POSITION_LIMIT = faults.FORCE_LIMIT.code, faults.POSITION_LIMIT.c
 
 @kernel
 def _held_by(lost: bool, late: bool, motion: bool) -> int:
-    """Return the code of what keeps the axis from following; of several, the nearest to it."""
+    """Return the code of the obstacle to following; of several, that of the nearest."""
     if lost:
         return faults.STALE_SAMPLE
     if late:

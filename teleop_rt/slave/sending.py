@@ -1,4 +1,4 @@
-"""Sending a model, as kernels: what was seen, whether a new model would be felt, its message."""
+"""Sending a model, as kernels: the last look, whether a new model would be felt, its message."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ for _name, _code in WIRE_CODES.items():
 
 
 class Sending:
-    """Fields of what a sender keeps: settings, and since when the last message is out."""
+    """Fields of a sender's record: settings, and since when the last message is out."""
 
     keep_alive_ns: int
     every_tick: int

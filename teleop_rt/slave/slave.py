@@ -95,7 +95,7 @@ class Slave:
         self._bind_step()
 
     def _allocate_outputs(self) -> None:
-        """Allocate what a tick writes: its recorded row and the message on its state."""
+        """Allocate a tick's outputs: its recorded row and the message on its state."""
         self._row = NamedRow(SLAVE)
         self._columns = self._row.values
         self._body = new_state()
@@ -237,7 +237,7 @@ class Slave:
         self._axis.stop()
 
     def _sense(self, skipped: int, wake_latency_ns: int) -> None:
-        """Take in what has come, and write clock and zeros into the record of the tick."""
+        """Take in all news, and write clock and zeros into the record of the tick."""
         sample = self._sample
         self._axis.read_into(sample)
         if self._has_zeros:
@@ -268,7 +268,7 @@ class Slave:
         return self._decide(LEAD)
 
     def _hold_clock(self, action: int) -> None:
-        """Keep what the link was like when the axis was armed, or led first, until it is off.
+        """Keep the link's state at arming, or at the first motion led, until the axis is off.
 
         A link that could become slower while the axis follows would let old motion pass for news.
         """
@@ -297,7 +297,7 @@ class Slave:
         self._axis.write(written)
 
     def _note_fault(self) -> None:
-        """Note when a fault came, what a device adds to it, and that it was reset."""
+        """Note the time of a fault, its device's report, and its reset."""
         sample, last = self._sample, self.stopped
         fault, said = self.fault, sample.complaint
         if fault is faults.SAMPLES_LOST or self.safety.state == faults.HOLD:

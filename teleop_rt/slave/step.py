@@ -1,4 +1,4 @@
-"""The slave's decisions of a tick in one compiled step: from what came in to the command and row.
+"""The slave's decisions of a tick in one compiled step: from the inputs to the command and row.
 
 Each rule is a small kernel in the module of its own; here they are called in their order.
 """
@@ -137,7 +137,7 @@ def aim(t: Tick) -> None:
 
 @kernel
 def act(t: Tick) -> int:
-    """Set the command; return what is to be done with it."""
+    """Set the command; return the action to take with it."""
     if not is_powered(t.state):
         stand_at(t, t.position)
         return STOP_DRIVE
@@ -149,7 +149,7 @@ def act(t: Tick) -> int:
 
 @kernel
 def write_state(t: Tick, body: Any) -> None:
-    """Write the body of the state that the master gets, without what the rig adds to the force."""
+    """Write the body of the state that the master gets, without the force that the rig adds."""
     body.position, body.force = t.position, t.force - t.rig_force
     body.verified_free, body.velocity = t.verified_free, t.velocity
     body.energy_J, body.contact_id = t.energy_J, t.contact_id
@@ -159,7 +159,7 @@ def write_state(t: Tick, body: Any) -> None:
 
 @kernel
 def write_row(t: Tick, bank: estimation.BankState, link: Counts, row: Any) -> None:
-    """Write what the step knows into the recorded row; `link` are the words of its statistics."""
+    """Write the step's results into the recorded row; `link` are the words of its statistics."""
     row.tick, row.stamp_ns, row.sample_stamp_ns = t.tick, t.now_ns, t.sample_stamp_ns
     row.valid = t.usable
     row.packets_received, row.packets_lost = link[counted.RECEIVED], link[counted.LOST]
@@ -197,7 +197,7 @@ def decide(
     bodies: StoredState,
     stage: int,
 ) -> int:
-    """Advance safety, supervision, guard and limiter by one cycle; return what is to be done.
+    """Advance safety, supervision, guard and limiter by one cycle; return the action to take.
 
     `link` are the words of an end's statistics, and `end` its own.
     With ZEROS, `Reference.update` is to be called and the step to be resumed at LEAD.
@@ -225,7 +225,7 @@ def decide(
 
 
 def compile_step() -> None:
-    """Compile the step, and what stands the axis still, into the cache, before a slave needs it."""
+    """Compile the step, and the stop of the axis, into the cache, before a slave needs it."""
     late = Lateness(ON_HARDWARE, 1_000_000).record
     record, row, link = TickRecord(), NamedRow(SLAVE).stored, counted.Statistics().words
     motion, end = NewestMotion().stored, intake.new_words(0, 0)

@@ -1,4 +1,4 @@
-"""Measured supervision: what two devices measure of one thing must agree while there is power.
+"""Measured supervision: two measurements of one quantity must agree while there is power.
 
 Every comparison is written so that not-a-number stops the axis.
 """
@@ -22,7 +22,7 @@ VELOCITY_MS = 10
 ALIGN_MS = 20
 """After power came on the drive's zero is aligned with the encoder's; then they are compared."""
 FOLLOWING_SHARE, POSITION_SHARE, FORCE_SHARE, REPEATED_SHARE = 0.05, 0.05, 0.3, 0.01
-"""Of the travel and of force_max: what a healthy rig of any size stays within."""
+"""Of the travel and of force_max: bounds that a healthy rig of any size keeps."""
 REPEATED_STEPS = 10.0
 """Steps of its sensor by which a command moves before a position must be another number."""
 SLOW_SHARE = 0.01
@@ -34,7 +34,7 @@ _POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORC
 
 @kernel
 def take_in(t: Tick, s: SampleFields) -> None:
-    """Take a sample over; what the drive must measure, and does not, is not a number."""
+    """Take a sample over; a value that the drive should measure, and does not, is NaN."""
     t.usable = t.ready > 0 and s.valid > 0
     t.valid, t.enabled, t.missing = s.valid, s.enabled, s.missing
     t.axis_fault, t.sample_stamp_ns = s.fault, s.stamp_ns
@@ -48,7 +48,7 @@ def take_in(t: Tick, s: SampleFields) -> None:
 
 @kernel
 def unexplained(t: Tick, force: float, velocity: float) -> float:
-    """Return what friction at this velocity leaves of a force on the guide [rig unit].
+    """Return a force on the guide less the friction at this velocity [rig unit].
 
     Coulomb and viscous friction between the drive and the force sensor.
     """

@@ -12,7 +12,7 @@ from teleop_rt.slave.faults import Fault
 
 
 class Tare:
-    """Collects forces over a fixed time, and refuses what is no free air.
+    """Collects forces over a fixed time, and refuses those of a contact.
 
     `offset` and `noise` (standard deviation about a straight line) are in the rig's unit of
     force, `drift` (slope of that line, by least squares) in that per second; NaN until then.

@@ -2,7 +2,7 @@
 
 A hand walks towards an unknown wall and waits for nobody; slave, link, master and the driver of the
 handle are the real ones, on a simulated clock. A run ends when the master knows the wall. Before
-that the only force on the hand is the leash's brake, and what the tool has already done to the
+that the only force on the hand is the leash's brake, and the tool's effect so far on the
 wall the hand could not feel.
 """
 

@@ -202,7 +202,7 @@ def _error_is_constant(simulated: Sequence[Result]) -> Statement:
             listing.append(f"{model} {_named(method)} {min(errors):.2g} to {max(errors):.2g}")
     start = [one["nrmse_online"] for case in simulated for one in case["methods"]]
     why = (
-        "once converged the force is right at every frequency; what is left is the trapezoid's "
+        "once converged the force is right at every frequency; the rest is the trapezoid's "
         "error and the prior's, small beside the range of the force"
         if all(holds)
         else f"somewhere it changes by more than {SMALL_ERROR:g} of the range of the force"

@@ -50,7 +50,7 @@ def delay(
     dry_run: Cost = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare what the operator feels in every mode, at every delay, loss and environment.
+    """Compare the operator's felt force in every mode, at every delay, loss and environment.
 
     Finished cells in the folder are kept: the same command resumes an interrupted study.
     """

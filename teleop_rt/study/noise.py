@@ -76,7 +76,7 @@ def _result(row: dict[str, Any], truth: dict[str, float]) -> dict[str, Any]:
 def hidden_damping(
     sigma_N: float = 0.05, seeds: int = 8, duration_s: float = 10.0
 ) -> dict[str, Any]:
-    """Return what b the integral criterion finds of Hunt-Crossley at 5 mm +- 2 mm under noise.
+    """Return b by the integral criterion for Hunt-Crossley at 5 mm +- 2 mm under noise.
 
     Least squares on [1, v, ln x], weighted by f^2, at 3 Hz: `exact` without noise, `low` and
     `high` over the seeds; `ratio` is the largest |b v / k|.

@@ -155,7 +155,7 @@ def approach(
     scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
-    """Report what a hand feels before the first touch is known, with the leash and without."""
+    """Report the force on a hand before the first touch is known, with the leash and without."""
     with bar("loading the study", counts=False):
         from teleop_rt.study import approach as study  # noqa: PLC0415 - compiles for seconds
 

@@ -2,6 +2,6 @@
 
 `run_processes` runs it on the machine's clock, each side in a process whose main is in
 `process_main`; `lockstep_run` runs it in one process on simulated time. Both build the same slave
-and master (`sides`, `master_side`). `folder` is what a trial leaves, and `summary` what is read out
+and master (`sides`, `master_side`). `folder` holds a trial's files, `summary` the figures
 of its recording.
 """

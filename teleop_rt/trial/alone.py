@@ -82,7 +82,7 @@ class Alone:
         self.processes.wait_ready(*self.processes.children)
 
     def finish(self, outcome: dict[str, Any]) -> None:
-        """End the recorder, then write what this side counted as its summary."""
+        """End the recorder, then write this side's counts as its summary."""
         self.processes.end([self.recorder.name])
         recorded = self.recorder.events.get("done", _NO_REPORT)
         commands = kept(self.session, SERVER)

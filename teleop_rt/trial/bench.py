@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Bench:
-    """An axis on simulated time, with what simulates it, if anything does.
+    """An axis on simulated time, with its simulation, if there is one.
 
     `truth()` gives the plant's secrets for truth.json; `publish_truth(session)` makes the ring of
     its true motion. Both are None for an axis that replays measurements. `open_device` opens the

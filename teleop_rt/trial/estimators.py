@@ -170,7 +170,7 @@ def online_metadata(
     extended: Mapping[str, Any] | None = None,
     effects_file: str | None = None,
 ) -> dict[str, str]:
-    """Return the metadata by which a replay can repeat what ran on-line.
+    """Return the metadata by which a replay can repeat the estimators of the run.
 
     `settings` are those without the extended model, which is stored separately.
     """

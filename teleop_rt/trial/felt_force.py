@@ -40,7 +40,7 @@ class Felt:
     """Forces in the environment's scale, one row per tick of the master (n,).
 
     `true` is the true environment's answer to the motion that the master rendered for, `rendered`
-    what the operator got, `reflected` the slave's force as it arrived; `converged` marks the rows
+    the force on the operator, `reflected` the slave's force as it arrived; `converged` marks rows
     in converged contact, lift-offs in between included.
     """
 
@@ -52,7 +52,7 @@ class Felt:
 
 
 def read_truth(folder: Path) -> Mapping[str, Any] | None:
-    """Return what the simulated plant wrote of itself; None where it wrote nothing."""
+    """Return the truth that the simulated plant wrote; None where it wrote none."""
     path = folder / TRUTH
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
 

@@ -144,7 +144,7 @@ def _recorded_anything(folder: Path) -> bool:
 
 
 def write_trial(folder: Path, trial: TrialConfig) -> Path:
-    """Write the trial as run, every default filled in, without what only the plant may know."""
+    """Write the trial as run, every default filled in, without the secrets of the plant."""
     plain = dump(trial, trial.rig.units)
     if isinstance(plain.get("plant"), dict):
         plain["plant"].pop("undeclared", None)
@@ -154,7 +154,7 @@ def write_trial(folder: Path, trial: TrialConfig) -> Path:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON in which what is not a number is null: whole, or, on a full disk, not at all."""
+    """Write JSON with null in place of NaN: whole, or, on a full disk, not at all."""
     unfinished = path.with_name(f"{path.name}.part")
     try:
         unfinished.write_text(json.dumps(plain_json(content), indent=2) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A process forked from this one: it finds loaded what this one has loaded."""
+"""A process forked from this one: this one's modules are loaded in it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Forked:
-    """Runs a function in a fork of this process, with what `subprocess.Popen` offers of a program.
+    """Runs a function in a fork of this process, with the methods of `subprocess.Popen`.
 
     Its standard output is a pipe, `stdout`; its errors go to a file. Must be made while this
     process has one thread: of others a fork keeps the locks.

@@ -1,4 +1,4 @@
-"""The rule of what is good: one grade per part of a run, for summary, report, page and terminal."""
+"""The rules of quality: one grade per part of a run, for summary, report, page and terminal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Durlach 1991), and an error is seldom larger than three times its root mean squa
 POOR_NRMSE = 0.1
 """Error of a force over its range [1] that a hand feels all the time."""
 GOOD_LAG_MS = 10.0
-"""Lag of the felt force: below what hands notice, about 15 ms (Rank et al. 2010)."""
+"""Lag of the felt force: hands notice about 15 ms (Rank et al. 2010)."""
 PEAK = 3.0
 """The largest error that is as good as a root mean square: an error is seldom larger."""
 MISSED_SHARE = 1e-3

@@ -1,4 +1,4 @@
-"""A run's lateness in words: its stalls, what hardware would have done, and what helps here."""
+"""A run's lateness in words: its stalls, the reaction on hardware, and advice for this machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EASY_RATE_HZ = 250
 
 
 def late_outcome(safety: SafetyChain) -> dict[str, Any]:
-    """Return what the slave's loop counted of its lateness under power, by both sets of bounds."""
+    """Return the loop's counts of lateness under power, by both sets of bounds."""
     return both(safety.late, safety.on_hardware)
 
 
@@ -68,7 +68,7 @@ def cause(late: Mapping[str, Any]) -> str:
 def advice(
     privileges: Sequence[Privilege], rate_hz: int, cpu: int | None, *, simulated: bool
 ) -> str:
-    """Return what would help this machine's loop to be in time, never what it has already.
+    """Return advice for this machine's loop to be in time, never a measure that it has already.
 
     `simulated` says that the rig is, so that the same trial can run on simulated time.
     """
@@ -81,7 +81,7 @@ def advice(
     if not simulated and cpu is None:
         instead.append("give the loop a core of its own (realtime.cpu of the rig)")
     if not instead:
-        instead.append("end what else runs on this machine")
+        instead.append("end other programs on this machine")
     return "; or ".join(instead)
 
 
@@ -94,7 +94,7 @@ def stalls(late: Mapping[str, Any]) -> str:
 
 
 def on_hardware(late: Mapping[str, Any]) -> str:
-    """Return what a rig with the default bounds would have done with the same lateness."""
+    """Return the reaction of a rig with the default bounds to the same lateness."""
     hardware = late["on_hardware"]
     bounds, stop, holds = hardware["bounds"], hardware["stop"], hardware["holds"]
     limits = ", ".join(f"{key} {value:g}" for key, value in bounds.items())

@@ -39,7 +39,7 @@ def report_link(code: Callable[[], int], emit: Emit, ended: Ended) -> None:
 
 @contextmanager
 def link_reported(code: Callable[[], int], emit: Emit) -> Iterator[None]:
-    """Report the link beside what runs inside."""
+    """Report the link's changes while the function inside runs."""
     ended = threading.Event()
     thread = threading.Thread(target=report_link, args=(code, emit, ended), daemon=True)
     thread.start()

@@ -94,7 +94,7 @@ class LockstepTrial:
         self.lockstep.add(self.master.period_ns, self.master.cycle)
 
     def step(self) -> None:
-        """Run what is due next, and arm the slave as soon as it can be."""
+        """Run the next due cycle, and arm the slave as soon as it can be."""
         self.lockstep.step()
         if self.slave.safety.state == State.DISARMED:
             self.slave.arm()

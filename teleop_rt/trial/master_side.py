@@ -120,7 +120,7 @@ class MasterSide:
         return late
 
     def outcome(self) -> dict[str, Any]:
-        """Return what the master side counted, for the summary."""
+        """Return the counts of the master's side, for the summary."""
         return {
             "link": link_outcome(self.endpoint),
             "missed_ticks": self.missed_ticks,

@@ -112,7 +112,7 @@ class _Held:
 
 @contextmanager
 def _held(trial: TrialConfig, open_axis: OpenAxis, *, reloaded: bool) -> Iterator[_Held]:
-    """Take the port, the axis and what the loop will be granted, and give all of it back.
+    """Take the port, the axis and the loop's privileges, and give all of it back.
 
     Whoever refuses meanwhile: the next config needs it. The axis is stopped before it is closed.
     """
@@ -132,7 +132,7 @@ def _held(trial: TrialConfig, open_axis: OpenAxis, *, reloaded: bool) -> Iterato
 
 
 def _prepare(machine: RealtimeConfig) -> list[Privilege]:
-    """Ask the system for what the rig's loop wants, and return what it said to each."""
+    """Ask the system for the privileges of the rig's loop, and return its answer to each."""
     return prepare_process(machine.priority, machine.cpu, awake=machine.awake)
 
 

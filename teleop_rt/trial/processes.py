@@ -58,7 +58,7 @@ class Child:
         return self.process.stdout
 
     def take_events(self) -> None:
-        """Take what is in the pipe; waits for something to come. Marks the end of the pipe."""
+        """Take the events in the pipe; waits for one to come. Marks the end of the pipe."""
         data = os.read(self.output.fileno(), 1 << 16)
         self.ended = not data
         *lines, self._unfinished = (self._unfinished + data).split(b"\n")
@@ -167,7 +167,7 @@ class TrialProcesses:
             self.watch(_POLL_S)
 
     def end(self, names: Sequence[str]) -> None:
-        """End the named processes in this order, each before the next; kill what will not end."""
+        """End the named processes in order, each before the next; kill one that does not end."""
         for name in names:
             for child in self.children:
                 if child.name == name:
@@ -221,5 +221,5 @@ class Gate:
 
 
 def start_recorder(processes: TrialProcesses, session: Path, folder: Path) -> Child:
-    """Start what records the rings of a session, once that is described, into a run folder."""
+    """Start the recorder of a session's rings, once that is described, into a run folder."""
     return processes.start_kept("recorder", session, _RECORDER, [str(session), str(folder)])

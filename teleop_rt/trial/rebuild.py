@@ -1,4 +1,4 @@
-"""The summary of a run that ended before it could write one, from what was recorded."""
+"""The summary of a run that ended before it could write one, from its recording."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def rebuilt_summary(
     slave: Mapping[str, NDArray[np.float64]],
     environment_force: EnvironmentForce | None,
 ) -> dict[str, Any]:
-    """Return a summary as `run` writes it; what only the processes knew is null, and noted.
+    """Return a summary as `run` writes it; values that only the processes knew are null, and noted.
 
     `slave` holds the ticks of the slave that can be read, at least one.
     """

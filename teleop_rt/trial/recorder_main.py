@@ -34,7 +34,7 @@ def main(arguments: Sequence[str]) -> None:
 def recorder_main(
     session: Path, folder: Path, should_stop: Callable[[], bool], emit: Emit
 ) -> dict[str, Any]:
-    """Record every ring of the session until a stop request, then what is left in them.
+    """Record every ring of the session until a stop request, then their remaining rows.
 
     It begins as soon as the session is described, which may be after this process was started.
     """
@@ -69,6 +69,6 @@ def recorder_main(
 
 
 def _watch_devices(log: EventLog, session: Path) -> None:
-    """Log what a device said of its fault: the loop leaves it, and logs nothing itself."""
+    """Log a device's report of its fault: the loop leaves it, and logs nothing itself."""
     if (last := found(session / LAST_FAULT)) is not None:
         log.watch_devices(last["said"], last["stamp_ns"])

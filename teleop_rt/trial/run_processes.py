@@ -1,4 +1,4 @@
-"""A run on the machine's clock: which processes, in which order, and what they leave behind."""
+"""A run on the machine's clock: its processes, their order, and the files they leave."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RunSide(Protocol):
     ) -> None:
         """Write into the run's folder, make rings in its session, and seal packets by its key.
 
-        `others` waits until what this side relies on is ready; what takes time comes before.
+        `others` waits until the parts that this side relies on are ready; slow work comes before.
         """
 
 
@@ -80,7 +80,7 @@ def run_processes(
 
 
 def complete_truth(folder: Path, children: Sequence[Child]) -> None:
-    """Add to the rig's truth what other processes simulated: the operator's device.
+    """Add the truth of other processes to the rig's: that of the operator's device.
 
     A disk that takes no more of it refuses the summary, too, and that is reported.
     """
@@ -94,7 +94,7 @@ def complete_truth(folder: Path, children: Sequence[Child]) -> None:
 
 @contextmanager
 def prepared_to_fork() -> Iterator[None]:
-    """Load once what every side would load, and keep collections from copying what they share."""
+    """Load the modules of all sides once, and keep collections from copying shared memory."""
     with deferred_interrupts():  # the compiler would be left half loaded
         load_compiler()
     gc.freeze()
@@ -112,7 +112,7 @@ def run_to_end(
     progress: Callable[[float], None],
     over: Callable[[], None],
 ) -> tuple[dict[str, Any], ProcessFailedError | None]:
-    """Start the sides, wait for their end, and end what has not ended by itself.
+    """Start the sides, wait for their end, and end those that have not ended by themselves.
 
     Returns the outcome, and the failure of a process that ended the trial early.
     """
@@ -162,14 +162,14 @@ def _watch(processes: TrialProcesses, slave: Child, progress: Callable[[float], 
 def outcome_of(
     slave: Child, master: Child, recorder: Child, *, interrupted: bool
 ) -> dict[str, Any]:
-    """Put together what the processes counted; a process that died has counted nothing."""
+    """Put the counts of the processes together; a process that died has counted nothing."""
     counts = ("sent", "received", "lost", "overtaken", "rejected", "round_trip_ms")
     nothing = dict.fromkeys(counts)
     died = {
         "code": None,
         "name": "process_died",
         "cause": "the slave's process ended before it could report its outcome",
-        "next_step": "read log.jsonl, and what the run printed",
+        "next_step": "read log.jsonl, and the output of the run",
     }
     slave_done = slave.events.get(
         "done", {"link": nothing, "safety": {"state": "UNKNOWN", "fault": died}}

@@ -46,7 +46,7 @@ class Configs:
     refusal: str = ""
 
     def begun(self) -> None:
-        """Note that the loop begins: what goes wrong from now on is a fault, no refusal."""
+        """Note that the loop begins: an error from now on is a fault, no refusal."""
         self.before = None
 
     def reload(self) -> None:

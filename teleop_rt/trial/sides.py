@@ -34,7 +34,7 @@ def make_endpoint(
     keys: PeerKeys,
     now_ns: Callable[[], int],
 ) -> Endpoint:
-    """Return one end of the link, with the trial's impairment on what it sends."""
+    """Return one end of the link, with the trial's impairment on its packets."""
     rng = np.random.default_rng([trial.seed, _STREAMS[role]])
     impairment = Impairment.one_way(trial.link)
     if impairment != Impairment():
@@ -81,7 +81,7 @@ def make_slave(
 
 
 def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
-    """Return what an end of the link counted; an overtaken packet came after a newer one."""
+    """Return the counts of an end of the link; an overtaken packet came after a newer one."""
     statistics = endpoint.statistics
     reasons = {why: count for why, count in statistics.rejected.items() if why not in OVERTAKEN}
     round_trip_ns = statistics.round_trip_ns
@@ -99,9 +99,9 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
 
 
 def slave_outcome(slave: Slave, endpoint: Endpoint, if_late: str = "") -> dict[str, Any]:
-    """Return what the slave side counted, for the summary.
+    """Return the counts of the slave's side, for the summary.
 
-    `if_late` is what would help this machine's loop where lateness stopped it.
+    `if_late` is the advice for this machine's loop where lateness stopped it.
     """
     fault, late = slave.safety.fault, late_outcome(slave.safety)
     by_lateness = fault is LATE_TICKS and late["stop"] is not None
@@ -142,7 +142,7 @@ def merge_outcomes(
 
     Refused packets are those of both ends.
 
-    `privileges` is what the system granted to the slave's process, or refused; `began_ns` when the
+    `privileges` are those granted or refused to the slave's process; `began_ns` when the
     command was given, on the clock of the recording's stamps; `interrupted` whether somebody ended
     the run before its time.
     """

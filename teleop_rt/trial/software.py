@@ -1,4 +1,4 @@
-"""Which software ran, and where: what a reader of a summary needs to repeat it."""
+"""The software of a run, and its machine: a reader of a summary needs both to repeat it."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the summary of a run folder.
 
-    `outcome` is what the processes counted themselves: clock, ticks, missed_ticks, link, safety.
+    `outcome` has the processes' own counts: clock, ticks, missed_ticks, link, safety.
     `environment_force` evaluates a simulated plant's environment; it is used, and truth.json is
     read, here alone.
     """
@@ -253,7 +253,7 @@ def _true_port(
     truth: Mapping[str, Any] | None,
     environment_force: EnvironmentForce | None,
 ) -> dict[str, float | None] | None:
-    """Return what a simulated hand truly felt; None where there is none, or no contact yet."""
+    """Return the true force on a simulated hand; None where there is none, or no contact yet."""
     if not handle or not master or truth is None or environment_force is None:
         return None
     rows = converged(trial, master)

@@ -47,7 +47,7 @@ def all_notes(
 
 
 def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
-    """Return what a reader must know before trusting the figures."""
+    """Return the conditions that a reader must know before trusting the figures."""
     notes = list(of_recorder(outcome["recorder"]))
     notes += [line for line in outcome.get("privileges", ()) if ": refused (" in line]
     if refused := (outcome["link"].get("master") or {}).get("rejected"):
@@ -83,7 +83,7 @@ def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
 
 
 def _of_handle(handle: Mapping[str, Any] | None) -> list[str]:
-    """Return what happened to the operator's device."""
+    """Return the events of the operator's device."""
     if handle is None:
         return []
     notes = []

@@ -37,7 +37,7 @@ SURFACE_ANEW = " since the surface was found elsewhere"
 
 
 def print_summary(console: Console, summary: Mapping[str, Any], units: Units) -> None:
-    """Print the summary of a run; what stopped it comes first."""
+    """Print the summary of a run; the cause of a stop comes first."""
     fault = summary["safety"]["fault"]
     if fault["code"] != 0:
         console.print(
@@ -87,7 +87,7 @@ def _number(value: float | None, unit: str, digits: int) -> str:
 
 
 def _model(summary: Mapping[str, Any]) -> str:
-    """Return what is to be said of the selected model: the reason of its grade, whichever it is."""
+    """Return the line on the selected model: the reason of its grade, whichever it is."""
     if not summary["selected"]:
         return f"none selected: {summary['contact'].get('reason', 'no contact')}"
     error, said = selected_nrmse(summary), _adequacy(summary["adequacy"])
@@ -107,7 +107,7 @@ def _adequacy(adequacy: Mapping[str, Any]) -> str:
 
 
 def _on_time(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Give the lines that only the machine's clock has: stalls, and what the loop was granted."""
+    """Give the lines that only the machine's clock has: stalls, and the loop's privileges."""
     late = summary.get("late")
     if late is None or summary["clock"] == "simulated":
         return
@@ -124,7 +124,7 @@ def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Give what a simulated hand truly felt, and how stiff a wall its device can render."""
+    """Give the true force on a simulated hand, and the stiffest wall that its device can render."""
     if (port := master.get("true_port")) is None:
         return
     error, lag = _number(port["motor_nrmse"], "", 3), _number(port["motor_lag_ms"], " ms", 3)

@@ -28,7 +28,7 @@ def true_port(
     """Return NRMSE and lag of motor and hand force at the device's true motion.
 
     `master` and `handle` are the recorded columns, `converged` (n,) the master rows that count.
-    The motor's force is what the wall makes of it; the hand's has the device's own inertia and
+    The motor's force is the wall's; the hand's has the device's own inertia and
     friction on top, which are there in free air as well.
     """
     stamps, scale = master["stamp_ns"], trial.master.position_scale

@@ -94,7 +94,7 @@ def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
         before, after = _percent(nearest["before"]), _percent(nearest["after"])
         yield (
             f"Nearest is {_names(nearest['effects'])} ({nearest['family']}): it explains"
-            f" {100.0 * nearest['share']:.0f} % of what the base leaves, error {before} → {after}."
+            f" {100.0 * nearest['share']:.0f} % of the base's residual, error {before} → {after}."
         )
     if answer["dependence"] is not None:
         parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
@@ -139,7 +139,7 @@ def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
     for entry in answer["effects"]:
         figures = tuple(_in_words(name, p) for name, p in entry["parameters"].items())
         if entry["explains"] is not None:
-            figures += (f"explains {100.0 * entry['explains']:.3g} % of what the base leaves",)
+            figures += (f"explains {100.0 * entry['explains']:.3g} % of the base's residual",)
         if (chance := answer["probability"].get(entry["name"])) is not None:
             figures += (f"probability {chance:.2f}",)
         title = "Effect" if answer["verdict"] != "class" else "First of the class"

@@ -98,14 +98,14 @@ def _model(run: Run, grade: Grade) -> Tile:
 
 
 UNSAFE_STEP = (
-    "the rig's file allows this by unsafe_i_know: fit what is missing and take its word out of the"
+    "the rig's file allows this by unsafe_i_know: fit the missing part and take its word out of the"
     " list, or watch the axis yourself"
 )
 """Next step for a missing safeguard: the red mark stays as long as it is missing."""
 
 
 def safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
-    """Return the tile of the safeguards: fault, limited commands and what the rig lacks."""
+    """Return the tile of the safeguards: fault, limited commands and missing safeguards."""
     recorded = summary["safety"]
     fault = recorded["fault"]
     limited = recorded.get("commands_limited")

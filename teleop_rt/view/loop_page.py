@@ -87,7 +87,7 @@ def verdict(answer: Mapping[str, Any]) -> tuple[Grade, str]:
     if answer["fresh"] is None:
         return "attention", str(answer.get("reason", "Nothing was added.")).capitalize() + "."
     if not names:
-        return "attention", "A law was drafted from what no declared effect explains, and added."
+        return "attention", "A law was drafted from the unexplained force, and added."
     if not any(_fell(answer["fresh"], *where) for where in _ERRORS):
         return "attention", (
             f"The model lacked {names}: added, but most of the error on fresh data stays: something"
@@ -145,7 +145,7 @@ def _charts(folder: Path, felt_of: FeltOf) -> Iterator[Chart]:
         return
     runs = [_run(place, felt_of) for place in places]
     slave = [(seconds(run, run.slave), run.residual) for run in runs]
-    yield _chart(runs, "residual", "what the model leaves of the force at the slave", slave)
+    yield _chart(runs, "residual", "the part of the slave's force that the model leaves", slave)
     felt = [run.felt for run in runs]
     if all(one is not None for one in felt):
         hand = [

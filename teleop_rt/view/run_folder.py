@@ -27,7 +27,7 @@ MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
 """So many are read one by one: ten minutes of ticks at 1 kHz; estimates are only drawn, on paper a
 few thousand dots wide."""
 ROWS_OF_LONGER = {"/slave": 150_000, "/master": 150_000, "/estimates/": 30_000}
-"""Of a longer run one in 2, 4, 8, ... is read, down to these: six times of what a curve shows on
+"""Of a longer run one in 2, 4, 8, ... is read, down to these: six times the points of a curve on
 the screen. To read 600 000 took half of the time of a report."""
 _SIGNALS = {
     "/slave": (
@@ -119,7 +119,7 @@ class Run:
     def settled(self) -> NDArray[np.bool_]:
         """The second half of the contact that followed the settling of the selected model.
 
-        Earlier samples show how the estimate converged, not what the model lacks.
+        Earlier samples show how the estimate converged, not a missing effect.
         """
         in_contact = self.slave["in_contact"] > 0
         chosen = selected_row(self.summary)

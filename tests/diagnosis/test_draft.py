@@ -1,4 +1,4 @@
-"""A law drafted from what no declared effect explains: its terms, its file, its worth."""
+"""A law drafted from the unexplained force: its terms, its file, its worth."""
 
 from __future__ import annotations
 

@@ -299,7 +299,7 @@ def test_an_interrupt_reports_what_is_kept_and_the_same_command_goes_on(
         patch.setattr(work.Replaying, "answer", interrupted_at_b)
         code, out, err = call(*arguments)
     assert code == 130, (out, err)
-    assert "interrupted after 2 of 4 recordings; out keeps what was answered" in err
+    assert "interrupted after 2 of 4 recordings; out keeps the answers so far" in err
     assert done(tmp_path / "out") == ["a"]
     assert call(*arguments)[0] == 2, "one is bad"
     assert done(tmp_path / "out") == ["a", "b", "c"]

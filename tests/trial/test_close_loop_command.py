@@ -71,7 +71,7 @@ def test_a_closed_loop_is_printed_with_its_effect_and_errors(call, tmp_path):
     )
     assert (code, "Traceback" in err) == (0, False)
     assert "nonlinear_stiffening (environment): " in text
-    assert re.search(r"Probability 0\.\d\d; explains [\d.]+ % of what the base leaves", text)
+    assert re.search(r"Probability 0\.\d\d; explains [\d.]+ % of the base's residual", text)
     assert re.search(r"predicted in free run: NRMSE before [\d.]+, after [\d.]+", text)
     assert text.splitlines()[-1] == f"files in {tmp_path / 'loop'}"
     assert json.loads((tmp_path / "loop" / "loop.json").read_text())["probability"]

@@ -57,7 +57,7 @@ def test_an_interrupted_trial_ends_close_loop_and_keeps_its_recording(
     out = tmp_path / "loop"
     code, text, said = call(*CLOSE_LOOP, out)
     assert (code, text, begun, diagnosed) == (130, "", ["first"], [])
-    assert f"{out / 'first'} keeps what was recorded; nothing further is run" in said
+    assert f"{out / 'first'} keeps the recording so far; nothing further is run" in said
     summary = json.loads((out / "first" / "summary.json").read_text())
     assert summary["interrupted"] is True
     assert 0 < summary["ticks"] < 20_000
@@ -88,7 +88,7 @@ def test_an_interrupt_while_a_trials_results_are_written_ends_close_loop(
     out = tmp_path / "loop"
     code, text, said = call(*CLOSE_LOOP, out)
     assert (code, text, runs, diagnosed) == (130, "", ["first"], [])
-    assert f"{out / 'first'} keeps what was recorded; nothing further is run" in said
+    assert f"{out / 'first'} keeps the recording so far; nothing further is run" in said
     assert json.loads((out / "first" / "summary.json").read_text())["interrupted"] is False
     assert not (out / "loop.json").exists()
 

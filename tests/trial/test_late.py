@@ -45,7 +45,7 @@ def test_priority_that_was_refused_is_what_would_help_with_how_to_get_it():
         (250, None, True, ["--clock simulated"], ["rate_hz", "setcap"]),
         (1000, None, False, ["--set rig.rate_hz=250", "realtime.cpu"], ["clock", "setcap"]),
         (1000, 1, False, ["--set rig.rate_hz=250"], ["clock", "cpu", "setcap"]),
-        (250, 1, False, ["end what else runs"], ["rate_hz", "clock", "cpu", "setcap"]),
+        (250, 1, False, ["end other programs"], ["rate_hz", "clock", "cpu", "setcap"]),
     ],
 )
 def test_advice_that_is_followed_already_is_not_given(rate_hz, cpu, simulated, helps, followed):

@@ -26,8 +26,8 @@ class AskingPort(ActuatorPort):
     """Speaks a codec as its base does; `drain` asks, and waits for the answer for `answer_ns`.
 
     A cycle without that answer has no sample, and an answer after its time is none. Where one is
-    still missing as a cycle begins, nothing is asked for that cycle: what comes until its end
-    belongs to what was sent before, and what does not is lost.
+    still missing as a cycle begins, nothing is asked for that cycle: an answer until its end
+    belongs to an earlier question, and a later one is lost.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class AskingPort(ActuatorPort):
             self._answer(self._state_ns)
 
     def _place(self) -> None:
-        """Hand a position on: what is owed for older frames will not come."""
+        """Hand a position on: answers owed for older frames will not come."""
         while self._owed:
             asked, sent_ns = self._owed.popleft()
             if asked:

@@ -217,7 +217,7 @@ _parameter = struct.Struct("<HHf")
 
 
 class TypedCodec(MitCodec):
-    """CyberGear and RobStride: what a frame is stands in its id of 29 bits.
+    """CyberGear and RobStride: the kind of a frame stands in its id of 29 bits.
 
     id = type << 24 | data << 8 | target; the torque of a command is in its id, too.
     """

@@ -138,7 +138,7 @@ class OdriveCodec:
     def _take_heartbeat(self, data: bytes, report: Report) -> Taken:
         error, state, motor, encoder, controller = _heartbeat.unpack(data)
         failed = bool((motor | encoder | controller) & FAILED)
-        # Asked and seen: a heartbeat that was on its way says what was before, of either.
+        # Asked and seen: a heartbeat that was on its way reports the state before, of either.
         self._given |= self._asked and state == CLOSED_LOOP
         if state == IDLE and not error and self._taken:
             self._given = False

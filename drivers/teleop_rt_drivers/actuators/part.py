@@ -72,7 +72,7 @@ class ActuatorPart(AxisConfig):
         ge=2,
         le=60_000,
         description=(
-            "Age of what the drive last said of its state (heartbeat) up to which it is believed."
+            "Age of the drive's last report of its state (heartbeat) up to which it is believed."
         ),
     )
     watchdog_ms: int | None = Field(
@@ -138,7 +138,7 @@ class ActuatorPart(AxisConfig):
 
     @property
     def force_per_torque(self) -> float:
-        """Return the rig's units of force per Nm: what is not lost moves as far per radian."""
+        """Return the rig's units of force per Nm, without losses: from the travel per radian."""
         return RADIANS_PER_UNIT[self.unit] / self.scale
 
     def framed(self) -> FramedPart:

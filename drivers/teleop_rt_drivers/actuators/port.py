@@ -166,7 +166,7 @@ class ActuatorPort:
         """Take a position alone; this port asks for none."""
 
     def _hand_on(self, now_ns: int) -> None:
-        """Hand the report on, unless nobody knows what the drive does: its state is too old."""
+        """Hand the report on, unless the drive's state is too old to be known."""
         if self._state_ns < 0 or now_ns - self._state_ns > self._state_timeout_ns:
             self._counters["stale_state"] += 1
             return
@@ -187,7 +187,7 @@ class ActuatorPort:
         elif control == STOP and state is DriveState.FOLLOWING and self._brakes(now_ns):
             by_torque = self._by_torque
             self._order(self._codec.brake() if by_torque is None else by_torque.push(0.0))
-        else:  # also to one without power: what it hears keeps its watchdog from expiring
+        else:  # also to one without power: a frame keeps its watchdog from expiring
             self._repeat(self._codec.disable(), now_ns)
 
     def _follow(self, target: float, state: DriveState, now_ns: int) -> None:
@@ -218,7 +218,7 @@ class ActuatorPort:
     def _brakes(self, now_ns: int) -> bool:
         """Return whether a stopped drive is still coming to rest under power.
 
-        One that is pushed back does not: it would hold against the body what it is stopped for.
+        One that is pushed back does not: it would go on to press on the body that stopped it.
         """
         speed = abs(self.report.velocity)
         if self._braking_ns < 0:

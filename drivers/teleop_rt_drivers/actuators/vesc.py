@@ -2,7 +2,7 @@
 
 Source: vedderb/bldc, documentation/comm_can.md. An id of 29 bits is command << 8 | id; numbers are
 big endian and signed. A VESC says neither whether it has power nor which fault it has: it follows
-what came last, until nothing has come for its time-out. So its state follows from its commands;
+the last command, until none has come for its time-out. So its state follows from its commands;
 a drive that does not obey is found as a following error.
 """
 

@@ -91,10 +91,10 @@ class CanWire(CanEnd):
 
 
 class LineWire:
-    """A half-duplex serial line: who speaks while another does spoils what both say.
+    """A half-duplex serial line: two that speak at once spoil both packets.
 
     So nothing is sent within `turn_ns` of an order that has not been answered. An adapter may echo
-    what is sent: a packet of our own is no answer.
+    the sent bytes: a packet of our own is no answer.
     """
 
     _heard: Heard

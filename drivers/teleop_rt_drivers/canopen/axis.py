@@ -89,12 +89,12 @@ class CanopenAxis:
 
     @property
     def last_emergency(self) -> str:
-        """Return what a device complained of last, in words."""
+        """Return a device's last complaint, in words."""
         return self._receiver.last_emergency
 
     @property
     def timing(self) -> Timing:
-        """Return what bus, frames and drive make of an operator's device's latency, at worst."""
+        """Return the part of an operator's device's latency by bus, frames and drive, at worst."""
         if not isinstance(self._config, CanopenDeviceConfig):
             raise AxisError("only an operator's device answers with a force")
         return timing_of(canopen_transport(self._config, self._rig), self._rig)

@@ -23,7 +23,7 @@ class Replies:
 
     A node answers each SYNC once and in order, but an answer can be late or lost, and the two
     look alike. So the newest answer is known to be that to the newest SYNC only when nothing is
-    owed any more; a node that answers again but does not catch up has lost what it owes. Answers
+    owed any more; a node that answers again but does not catch up has lost those. Answers
     that were given up and come after all are late; more than those are a second sender's.
     """
 

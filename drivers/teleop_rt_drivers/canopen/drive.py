@@ -154,7 +154,7 @@ class Drive:
         return self.state in _FAULTY
 
     def settle(self) -> bool:
-        """Advance the intent by what this cycle brought; return whether the drive has failed."""
+        """Advance the intent by this cycle's frames; return whether the drive has failed."""
         counts = self.record.counts
         if counts[_STATUSWORD] != counts[_SEEN]:
             self._advance(counts[_STATUSWORD])

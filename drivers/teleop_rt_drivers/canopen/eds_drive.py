@@ -79,7 +79,7 @@ def _variable(dictionary: ObjectDictionary, entry: str) -> ODVariable | None:
 
 
 def _refuse_another_profile(dictionary: ObjectDictionary, name: str) -> None:
-    """Refuse what is no CiA 402 drive with cyclic synchronous position."""
+    """Refuse all but a CiA 402 drive with cyclic synchronous position."""
     kind = _variable(dictionary, "0x1000")
     if kind is not None and kind.default and kind.default & 0xFFFF != PROFILE:
         raise AxisError(

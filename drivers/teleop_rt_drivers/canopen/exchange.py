@@ -87,7 +87,7 @@ def exchange(
     asks: bool,
     sends: bool,
 ) -> int:
-    """Receive what waits at a door and take it as `take_cycle` does; or return UNUSUAL.
+    """Receive the frames that wait at a door and take them by `take_cycle`; or return UNUSUAL.
 
     With `sends` the next SYNC is sent at once, where the cycle has ended.
     """

@@ -200,7 +200,7 @@ def answers(s: SourceFields, counts: Whole) -> bool:
 
 @kernel
 def book_excess(s: SourceFields, excess: int, counts: Whole) -> None:
-    """Book answers beyond what is owed: late ones as far as some were given up."""
+    """Book answers beyond those owed: late ones as far as some were given up."""
     s.owed = s.behind_cycles = 0
     late = min(excess, s.given_up)
     s.given_up -= late
@@ -244,7 +244,7 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
 
 @kernel
 def fill(r: Reading, s: SampleFields, sources: Sources) -> None:
-    """Write what the sources know into a sample; it is as old as the older value."""
+    """Write the sources' values into a sample; it is as old as the older one."""
     s.stamp_ns = 0
     if r.encoder >= 0:
         encoder: Any = sources[r.encoder]
@@ -291,7 +291,7 @@ def take_cycle(
 ) -> int:
     """Take frames from `first` on and end the cycle; with `asks` the next SYNC is sent then.
 
-    The sample is filled, but for what Python makes of the events. Return what `settle` does, LOST
+    The sample is filled, but for the events, which Python adds. Return as `settle` does, LOST
     and CHANGED. Where a frame is for somebody else nothing has ended: -1 minus its place.
     """
     row = take_frames(sources, counts, lives, slots, first, count, now_ns)
@@ -313,7 +313,7 @@ def take_cycle(
 
 @functools.cache
 def load_kernels() -> None:
-    """Compile or load what a cycle takes, so that the first one does not wait for it."""
+    """Compile or load the kernels of a cycle, so that the first one does not wait for them."""
     sources, counts = SourceRecord().stored, np.zeros(TOTAL + 1, np.int64)
     slots, lives = np.zeros((1, DATA_AT + 8), np.uint8), new_lives(1)
     take_frames(sources, counts, lives, slots, 0, 1, 0)

@@ -1,4 +1,4 @@
-"""The sensors of a CANopen rig, and what every device has: identity, watch, process data."""
+"""The sensors of a CANopen rig, and the keys of every device: identity, watch, process data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from teleop_rt_drivers.canopen.entries import (
 from teleop_rt_drivers.quantity import FROM_DRIVE, FROM_INPUT, FromDrive, FromInput
 
 OURS = (0x1016, 0x6040, 0x6060, 0x6071, 0x607A)
-"""Watch over this program, control word, mode and targets: what decides whether the drive moves."""
+"""Watch over this program, control word, mode and targets: they decide whether the drive moves."""
 
 
 class Identity(Section):
@@ -39,7 +39,7 @@ class Identity(Section):
 
 
 class PdoConfig(Section):
-    """One process data object: what it carries, in order."""
+    """One process data object: its entries, in order."""
 
     number: int = Field(
         ge=1, le=4, description="Number of the process data object in the device, 1 to 4."
@@ -87,7 +87,7 @@ class GuardingConfig(Section):
 
 
 class NodeConfig(Section):
-    """A device: where it is, what it is, and what to write and expect in it."""
+    """A device: its place, its identity, and the entries to write and to expect in it."""
 
     node_id: NodeId = Field(
         description=(
@@ -214,7 +214,7 @@ class EncoderConfig(NodeConfig):
 
 
 class ForceReading(Section):
-    """A force among process data: where it is, and what a count of it means."""
+    """A force among process data: its place, and the meaning of a count."""
 
     tpdo: PdoConfig = Field(
         description="Process data object in which the device sends the reading of the force."

@@ -140,7 +140,7 @@ class Receiver:
         return new_reading(*places)
 
     def receive(self, sample: Sample, now_ns: int, *, asks: bool, sends: bool) -> bool:
-        """Take what has arrived and fill the sample; return whether the next SYNC was sent.
+        """Take the arrived frames and fill the sample; return whether the next SYNC was sent.
 
         With `asks` the caller sends it right after this, unless a kernel can with `sends`.
         """
@@ -157,7 +157,7 @@ class Receiver:
         return sent
 
     def _correct(self, sample: Sample, events: int) -> None:
-        """Write into a filled sample what the events of its cycle came to."""
+        """Write the events of its cycle into a filled sample."""
         if events & DUPLICATE - 1:
             sample.stale = self._stale(events)
         sample.fault = self.fault
@@ -187,7 +187,7 @@ class Receiver:
         return events, False
 
     def _bind(self, sample: Sample) -> None:
-        """Bind what takes a cycle's frames: from the reader's slots, and by the bus's door.
+        """Bind the kernels that take a cycle's frames: from the reader's slots, and by its door.
 
         It fills this sample from now on.
         """
@@ -215,7 +215,7 @@ class Receiver:
             self.fault, self._reading.fault = fault, int(fault)
 
     def _handler_table(self) -> dict[int, Handler]:
-        """Return what to do with a frame that is no source's, by its id."""
+        """Return the handler of a frame that is no source's, by its id."""
         daemon = self._config.daemon
         table: dict[int, Handler] = {}
         if self._drive is not None:

@@ -79,7 +79,7 @@ def restart(sdo: SdoNode, bus: ConfigurationBus) -> None:
 def configure_node(
     sdo: SdoNode, node: NodeConfig, pdos: list[PdoCodec], daemon: DaemonConfig
 ) -> None:
-    """Write heartbeat, the config's own entries and the PDO mappings; check what is expected."""
+    """Write heartbeat, the config's own entries and the PDO mappings; check expected entries."""
     configure_watch(sdo, node)
     if daemon.sync_counter is not None:
         sdo.write_checked("0x1019", daemon.sync_counter)

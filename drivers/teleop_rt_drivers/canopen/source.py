@@ -1,4 +1,4 @@
-"""Records that kernels share of what a cycle hears: sources of values, and the reading of a cycle.
+"""Records that kernels share of a cycle's frames: sources of values, and the reading of a cycle.
 
 A source is one value, or the drive, with all that is known of it: a record whose fields kernels
 read and write by name.
@@ -18,7 +18,7 @@ NOWHERE, NOBODY = -1, -1
 
 
 class SourceFields:
-    """Fields of a source: places in its frame (NOWHERE: not there), its checks, what is known."""
+    """Fields of a source: places in its frame (NOWHERE: not there), its checks, its state."""
 
     cob_id: int
     length: int
@@ -83,7 +83,7 @@ class SourceRecord:
         source.candidate = math.nan
 
     def bind(self, stored: Sources) -> None:
-        """Live in this array (1,) from now on, which holds what the record holds."""
+        """Live in this array (1,) from now on, which holds the record's values."""
         self.stored = stored
         self.source = cast("SourceFields", stored[0])
         words = stored.view(np.uint8).data
@@ -91,7 +91,7 @@ class SourceRecord:
 
 
 class Reading:
-    """Fields of what a sample is made of.
+    """Fields of a sample's parts.
 
     `encoder`, `force_sensor` and `drive` are their places among the sources, or NOWHERE; beside
     them are the home switch, the latched fault, and cycles without a valid sample.

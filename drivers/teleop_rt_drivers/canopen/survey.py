@@ -95,7 +95,7 @@ def _unlisted(
 
 
 def _against_eds(node: SdoNode) -> Finding:
-    """Read every entry that the EDS says is there, and compare what must not differ."""
+    """Read every entry that the EDS says is there, and compare the ones that must not differ."""
     wrong: list[str] = []
     checked = 0
     for entry in _readable(node.dictionary):

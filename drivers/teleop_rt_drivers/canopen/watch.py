@@ -72,7 +72,7 @@ def lost_life(lives: Lives, now_ns: int) -> int:
 class HeartbeatConsumer:
     """Finds nodes that fall silent or leave the operational state (CiA 301, 7.2.8.3.2).
 
-    `lives` is what kernels take; a heartbeat of one that is `guarded` is left to the caller.
+    `lives` are the records of kernels; a heartbeat of one that is `guarded` is left to the caller.
     """
 
     def __init__(self, timeouts_ms: dict[int, int], guarded: Collection[int] = ()) -> None:
@@ -144,7 +144,7 @@ def send_fault(error: Exception) -> AxisFault:
 
 
 def purge(bus: can.BusABC) -> None:
-    """Drop what waits to be sent, where the adapter can: it would act when power returns."""
+    """Drop frames that wait to be sent, where the adapter can: they would act with new power."""
     with contextlib.suppress(NotImplementedError, can.CanError, OSError):
         bus.flush_tx_buffer()
 

@@ -122,7 +122,7 @@ class FramedAxis:
 
     @property
     def timing(self) -> Timing:
-        """Return what lines, frames and drive make of an operator's device's latency, at worst."""
+        """Return the part of a device's latency by lines, frames and drive, at worst."""
         if self._timing is not None:
             return self._timing
         if not isinstance(self._config, SerialDeviceConfig):
@@ -174,7 +174,7 @@ class FramedAxis:
                 )
 
     def _drain_once(self) -> list[str]:
-        """Take what has come; return who has not been heard."""
+        """Take the frames that have come; return the devices that have not been heard."""
         now_ns = self._now_ns()
         for port in self._ports:
             port.drain(now_ns)
@@ -198,7 +198,7 @@ class FramedAxis:
             self._drive.arm()
 
     def read_into(self, sample: Sample) -> None:
-        """Take what has arrived. Never raises."""
+        """Take the frames that have arrived. Never raises."""
         if sample is not self._sample:
             self._bind(sample)
         now_ns, wrong = self._now_ns(), False
@@ -222,7 +222,7 @@ class FramedAxis:
         sample.complaint = self._complaint
 
     def _correct(self, sample: Sample) -> None:
-        """Write into a filled sample what seldom happens: no new value, a jump, a fault."""
+        """Write rare events into a filled sample: no new value, a jump, a fault."""
         for signal, found in self._found_of_signals():
             signal.note(found)
             if found & TOO_OLD:
@@ -235,7 +235,7 @@ class FramedAxis:
         sample.rejected, sample.fault = rejected(self.counters), self._fault
 
     def _found_of_signals(self) -> list[tuple[MeasuredSignal, int]]:
-        """Return what the last cycle's values were found to be."""
+        """Return the findings on the last cycle's values."""
         found = (self._position, self._found), (self._force, self._found >> FORCE_SHIFT)
         return [(signal, bits) for signal, bits in found if signal is not None]
 
@@ -254,7 +254,7 @@ class FramedAxis:
         return [one for port in self._ports for one in port.watched]
 
     def watch(self, seconds: float) -> None:
-        """Wait so long, and note when what arrives meanwhile did so."""
+        """Wait so long, and note the time of each arrival meanwhile."""
         keep_arrivals(self.watched, seconds)
 
     def write(self, position: float) -> None:

@@ -122,12 +122,12 @@ class BinaryParser:
         self._choose_reader()
 
     def _choose_reader(self) -> None:
-        """Let a kernel read what comes next, unless a frame has begun."""
+        """Let a kernel read the next bytes, unless a frame has begun."""
         whole = self._whole
         self.read = None if whole is None or self._pending else whole.read
 
     def take_read(self, found: int) -> int:
-        """Take what `read` has found; return how many bytes that was. Raises StreamGoneError."""
+        """Take the bytes that `read` has found; return their number. Raises StreamGoneError."""
         whole = self._whole
         if whole is None or found == NOTHING:
             return 0
@@ -237,7 +237,7 @@ class BinaryPacker:
         self.writer = FrameWriter(frame, next_count) if fits(frame) else None
 
     def pack(self, values: Values) -> bytes:
-        """Return a frame; whole numbers are rounded and kept within what the field can hold."""
+        """Return a frame; whole numbers are rounded and kept within the field's range."""
         if self.writer is not None and (frame := self.writer.write(values)) is not None:
             return frame
         raw: list[float] = []

@@ -45,7 +45,7 @@ LATE_STAMP_NS = 100_000
 class CanEnd:
     """The daemon's end of a CAN bus that it takes over and closes: frames in, frames out, faults.
 
-    A subclass says what a frame means: `take`.
+    A subclass decodes frames: `take`.
     """
 
     def __init__(self, bus: can.BusABC, counters: dict[str, int]) -> None:
@@ -66,7 +66,7 @@ class CanEnd:
         return (self,)
 
     def keep(self) -> None:
-        """Keep what has arrived with its time; what cannot be read is left for `drain`."""
+        """Keep arrived frames with their time; unreadable ones are left for `drain`."""
         now_ns = time.monotonic_ns()
         arrived_ns, self.empty_ns = arrived_between(self.empty_ns, now_ns), now_ns
         if (most := MOST_FRAMES_PER_CYCLE - len(self._kept)) > 0:

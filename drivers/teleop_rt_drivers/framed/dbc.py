@@ -101,7 +101,7 @@ class BitField:
         return raw - ((raw & self.sign_bit) << 1)
 
     def bits_of(self, value: float) -> int:
-        """Return the bits of a raw value, rounded and kept within what the signal can hold."""
+        """Return the bits of a raw value, rounded and kept within the signal's range."""
         if self.floating:
             packed = struct.pack(f">{self.floating}", value)
             return int.from_bytes(packed, "big") << self.shift

@@ -100,7 +100,7 @@ class FramedDrive:
         self._aligned = self._config.zero == "encoder"
 
     def settle(self, now_ns: int) -> bool:
-        """Advance the intent by what this cycle brought; return whether anything is wrong."""
+        """Advance the intent by this cycle's frames; return whether anything is wrong."""
         following = self._state == self._states.following
         if self.intent is ARMING and following:
             self.intent = RUNNING
@@ -112,7 +112,7 @@ class FramedDrive:
         return silent or self.fell_out or self._state == self._states.fault
 
     def fill(self, sample: Sample) -> None:
-        """Write what the drive reports: its state, and the position that it measures [rig unit]."""
+        """Write the drive's report: its state, and the position that it measures [rig unit]."""
         counts = sample.counts  # without a call for each number
         counts[_ENABLED], counts[_HAS_POSITION], counts[_HAS_FORCE] = self.enabled, True, False
         sample.floats[_POSITION] = self._actual
@@ -172,7 +172,7 @@ class ForceDrive(FramedDrive):
     """A drive that takes forces: zero until it follows, and zero for not-a-number."""
 
     def fill(self, sample: Sample) -> None:
-        """Write what the drive reports: its state, and the force that it pushes with [rig unit]."""
+        """Write the drive's report: its state, and the force that it pushes with [rig unit]."""
         sample.enabled = self.enabled
         sample.drive_position, sample.drive_force = None, self._actual
 

@@ -1,4 +1,4 @@
-"""The YAML description of a serial frame: what a data sheet's table says, and nothing else."""
+"""The YAML description of a serial frame: the table of a data sheet, and nothing else."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SIZE = {name: int(name[1:]) // 8 for name in STRUCT}
 
 
 def _is_hex(text: str) -> str:
-    """Refuse what is no row of bytes."""
+    """Refuse all but a row of bytes."""
     try:
         bytes.fromhex(text)
     except ValueError:

@@ -21,7 +21,7 @@ NONE, _SUM, _XOR, _FORWARD, _BACKWARD = range(5)
 
 
 class Check:
-    """Fields of a checksum: the way to it, its bits, the first remainder, and what inverts it."""
+    """Fields of a checksum: the way to it, its bits, first remainder and final inversion."""
 
     way: int
     bits: int
@@ -39,7 +39,7 @@ _REMAINDERS: dict[str, tuple[int, int, int, int, int]] = {
     "crc16-modbus": (_BACKWARD, 16, 0xA001, 0xFFFF, 0),
     "crc32": (_BACKWARD, 32, 0xEDB88320, 0xFFFFFFFF, 0xFFFFFFFF),
 }
-"""Way, bits, polynomial (reversed where it goes backward), first remainder, and what inverts it."""
+"""Way, bits, polynomial (reversed where it goes backward), first remainder, final inversion."""
 
 
 def new_check(kind: ChecksumKind | None) -> tuple[StoredCheck, Table]:

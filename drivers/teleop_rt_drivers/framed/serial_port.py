@@ -116,7 +116,7 @@ class SerialPort:
             self._write(self._request)
 
     def keep(self) -> None:
-        """Decode what has arrived, with its time. Raises StreamGoneError."""
+        """Decode the arrived bytes, with their time. Raises StreamGoneError."""
         if self._stream is not None:
             self._receive(self._stream, time.monotonic_ns())
 
@@ -134,7 +134,7 @@ class SerialPort:
         return len(data)
 
     def _receive_more(self, stream: ByteStream, now_ns: int) -> None:
-        """Read and decode what is left after a whole read; a flood is left for the next cycle."""
+        """Read and decode the bytes left after a whole read; a flood is left for the next cycle."""
         for _ in range(MOST_READS_PER_CYCLE - 1):
             if self._receive(stream, now_ns) < READ_BYTES:
                 return

@@ -39,7 +39,7 @@ class MeasuredSignal:
     """One value of the rig, from the newest frame that passed every check.
 
     `value` [rig unit] and `stamp_ns` change only where a cycle is settled: by `settle`, or by
-    `taking.settle_cycle` on what is `stored`. `device_stamp_ns` is the device's own time of the
+    `taking.settle_cycle` on the `stored` value. `device_stamp_ns` is the device's own time of the
     value on our clock, -1 without a clock.
     """
 
@@ -74,7 +74,7 @@ class MeasuredSignal:
         self._settle = bound(taking.settle, (stored,), 0)
 
     def _store(self, stored: taking.StoredValue, scale: Scale, plausible: Plausible) -> None:
-        """Write what kernels are to know of the value, and keep views of it."""
+        """Write the value's settings for kernels, and keep views of them."""
         self.stored = stored
         self._state = state = cast("taking.Value", stored[0])
         state.offset, state.gain = scale.offset, scale.sign * scale.per_count
@@ -135,12 +135,12 @@ class MeasuredSignal:
             self._counters[taking.COUNTERS[code]] += 1
 
     def settle(self, now_ns: int) -> bool:
-        """Take over what this cycle brought if it did not jump; return whether it is new."""
+        """Take over this cycle's value if it did not jump; return whether it is new."""
         found = self._settle(now_ns)
         self.note(found)
         return found & taking.NEW > 0
 
     def note(self, found: int) -> None:
-        """Count what the value of a cycle was found to be."""
+        """Count the finding on the value of a cycle."""
         if found & taking.JUMPED:
             self._counters["impossible_jump"] += 1

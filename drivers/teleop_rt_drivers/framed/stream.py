@@ -20,7 +20,7 @@ READ_BYTES = 4096
 MOST_READS_PER_CYCLE = 4
 """A cycle of 1 ms at 3 Mbit/s brings 300 bytes; a flood must not hold the loop."""
 CONTROL_CHARACTERS = 6
-"""The place of `cc`, and so of VMIN and VTIME, in what termios.tcgetattr returns."""
+"""The place of `cc`, and so of VMIN and VTIME, in the list of termios.tcgetattr."""
 _NO_COUNT = bytes(4)
 _LOOKS = 8
 """Looks at terminals while arrivals are watched: a `select` may wait longer than it is asked to, as
@@ -38,7 +38,7 @@ Arrivals = list[tuple[int, bytes]]
 class Watched(Protocol):
     """A line or a bus that `keep_arrivals` watches.
 
-    `empty_ns` is when it was last seen to hold nothing, 0 while nobody watches it: what is found
+    `empty_ns` is when it was last seen to hold nothing, 0 while nobody watches it: bytes found
     next arrived since. One that `is_terminal` is looked at, not waited for: see `_LOOKS`.
     """
 
@@ -50,7 +50,7 @@ class Watched(Protocol):
         """The readable descriptor of an arrival; -1 where there is none, or frames have stamps."""
 
     def keep(self) -> None:
-        """Read what has arrived, and keep it with its time. Raises StreamGoneError."""
+        """Read the arrived bytes, and keep them with their time. Raises StreamGoneError."""
 
 
 def arrived_between(empty_ns: int, now_ns: int) -> int:
@@ -68,7 +68,7 @@ class ByteStream(Protocol):
     arrived_ns: int
 
     def read(self) -> bytes:
-        """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
+        """Return the arrived bytes, b"" for none. Raises StreamGoneError."""
 
     def write(self, data: bytes) -> bool:
         """Send; false where the bytes are not taken now. Raises StreamGoneError."""
@@ -77,7 +77,7 @@ class ByteStream(Protocol):
         """Wait for something to arrive, no longer than that."""
 
     def flush(self) -> None:
-        """Drop what has arrived."""
+        """Drop the arrived bytes."""
 
     def close(self) -> None:
         """Release the stream."""
@@ -105,12 +105,12 @@ class DescriptorStream:
         return self._descriptor
 
     def keep(self) -> None:
-        """Read what has arrived, and keep it with its time. Raises StreamGoneError."""
+        """Read the arrived bytes, and keep them with their time. Raises StreamGoneError."""
         data = self.read()
         self.kept.append((self.arrived_ns, data))
 
     def read(self) -> bytes:
-        """Return what has arrived, b"" for nothing. Raises StreamGoneError."""
+        """Return the arrived bytes, b"" for none. Raises StreamGoneError."""
         data = b""
         try:
             if not self.is_terminal or _waits(self._descriptor):
@@ -141,7 +141,7 @@ class DescriptorStream:
         select.select([self._descriptor], [], [], timeout_s)
 
     def flush(self) -> None:
-        """Drop what has arrived."""
+        """Drop the arrived bytes."""
         self.kept.clear()
         with contextlib.suppress(termios.error):
             termios.tcflush(self._descriptor, termios.TCIFLUSH)
@@ -168,7 +168,7 @@ class SerialStream(DescriptorStream):
         except (serial.SerialException, OSError, ValueError, termios.error) as error:
             raise AxisError(
                 f"cannot open the serial port {path}: {error}; `ls -l /dev/serial/by-id` shows "
-                "what is plugged in, and the user must be in the group that owns the device"
+                "the devices that are plugged in, and the user must be in the group that owns it"
             ) from error
         # Not every adapter knows it; those that do answer up to 15 ms sooner.
         with contextlib.suppress(OSError, ValueError):
@@ -180,7 +180,7 @@ class SerialStream(DescriptorStream):
 
 
 def keep_arrivals(watched: Sequence[Watched], seconds: float) -> None:
-    """Wait so long, and keep what arrives meanwhile with its own time.
+    """Wait so long, and keep bytes that arrive meanwhile with their own time.
 
     Bytes that are there at once came between two reads. The next read reports a device that left.
     """

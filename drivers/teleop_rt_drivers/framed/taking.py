@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.device_clock import Stored
 
 COUNTERS = ("", "bad_status", "not_a_number", "out_of_range", "repeated", "clock_outliers")
-"""By code what counts a frame; the value of one whose time alone is an outlier is kept."""
+"""The counter of a frame, by its code; a value is kept if its time alone is an outlier."""
 FINE, _BAD_STATUS, _NOT_A_NUMBER, _OUT_OF_RANGE, _REPEATED, _CLOCK_OUTLIER = range(len(COUNTERS))
 NOWHERE = -1  # in place of a slot
 FORCE_SHIFT = 4
-"""Bits of `settle_cycle` by which what the force is found to be lies above the position's."""
+"""Bits of `settle_cycle` by which the finding on the force lies above that on the position."""
 NOTHING, NEW, JUMPED, TOO_OLD, SILENT = 0, 1, 2, 4, 8
 """Results of a cycle: no value, a new one, or one that is rejected because it jumped.
 
@@ -30,11 +30,11 @@ Beside it, as bits: there is no new one and the last is too old to be held, and 
 NO_SAMPLE = TOO_OLD | TOO_OLD << FORCE_SHIFT
 """Bits of `settle_cycle` of which one makes a sample invalid."""
 UNUSUAL = NO_SAMPLE | (JUMPED | SILENT) << FORCE_SHIFT | JUMPED | SILENT
-"""Bits of `settle_cycle` for what seldom happens."""
+"""Bits of `settle_cycle` for rare events."""
 
 
 class Value:
-    """Fields of a value: its scale, what it can be, the newest frame's and the one taken over.
+    """Fields of a value: its scale and range, the newest frame's and the one taken over.
 
     Slots are places among the raw values of a frame, NOWHERE where there is none. A value is
     `held_ns` where no new one comes; it is silent after `timeout_ns`, counted from `watched_ns`.
@@ -126,7 +126,7 @@ def take_numbers(s: Any, c: Any, numbers: NDArray[np.float64], now_ns: int) -> i
 
 @kernel
 def settle(stored: StoredValue, now_ns: int) -> int:
-    """Take over what this cycle brought, and judge its age; return what that is."""
+    """Take over this cycle's value, and judge its age; return the finding."""
     s: Any = stored[0]
     found = take_over(s)
     if found != NEW and (s.known == 0 or now_ns - s.stamp_ns > s.held_ns):
@@ -148,7 +148,7 @@ def settle_cycle(
     rejected: int,
     fault: int,
 ) -> int:
-    """Settle those values (1,) that there are and fill a sample; return what they are found to be.
+    """Settle those values (1,) that there are and fill a sample; return the findings on them.
 
     The sample is as old as the older value. How many cycles lack one is left as it is, where this
     one does.
@@ -175,7 +175,7 @@ def settle_cycle(
 
 @kernel
 def take_over(s: Any) -> int:
-    """Take over what this cycle brought if it did not jump; return what that is."""
+    """Take over this cycle's value if it did not jump; return the finding."""
     candidate = s.candidate
     s.candidate = math.nan
     if math.isnan(candidate):

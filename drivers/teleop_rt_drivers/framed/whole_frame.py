@@ -34,7 +34,7 @@ SINGLE = 4
 NOTHING = -1
 """Result for a line on which nothing waits."""
 OTHER = 0
-"""Result for what is no whole frame that comes next: the parser is to look at it."""
+"""Result for data other than the next whole frame: the parser is to look at them."""
 FINE = 1
 """Result for a frame none of whose values is to be counted; others have codes above that bit."""
 _CODE_BITS, _CODE = 4, 0xF
@@ -140,7 +140,7 @@ def take_whole(
     length: int,
     now_ns: int,
 ) -> int:
-    """Take data that are the next frame; return OTHER, or what its values count (`counted`)."""
+    """Take data that are the next frame; return OTHER, or its values' code (`counted`)."""
     frame: Any = frames[0]
     if not is_sound(frame, check, table, sync, end, data, length):
         return OTHER
@@ -174,7 +174,7 @@ def take_read(
     empty_ns: int,
     now_ns: int,
 ) -> int:
-    """Read what waits at a descriptor into the memory and take it as `take_whole` does.
+    """Read the bytes that wait at a descriptor into the memory and take them by `take_whole`.
 
     It arrived half way since the line was seen to be empty, if it is watched: else `empty_ns` is 0.
     Where nothing waits, NOTHING is returned; OTHER, too, where the line is gone.
@@ -237,11 +237,11 @@ class WholeFrames:
 
     @property
     def arrived_ns(self) -> int:
-        """When what `read` received arrived."""
+        """The time of arrival of the bytes that `read` received."""
         return self._counts[_ARRIVED]
 
     def data(self) -> bytes:
-        """Return what `read` received."""
+        """Return the bytes that `read` received."""
         return bytes(self._memory[: max(0, self.received)])
 
 
@@ -267,7 +267,7 @@ def described(
 
 
 def counted(found: int) -> list[int]:
-    """Return the codes of `taking.COUNTERS` of a frame's values, by what `take_whole` returned."""
+    """Return the codes of `taking.COUNTERS` of a frame's values, from `take_whole`'s result."""
     codes = []
     while found := found >> _CODE_BITS:
         codes.append(found & _CODE)

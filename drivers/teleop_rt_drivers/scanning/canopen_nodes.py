@@ -1,4 +1,4 @@
-"""CANopen nodes: who answers, and by device type (1000h) and identity (1018h) what it is."""
+"""CANopen nodes: those that answer, with device type (1000h) and identity (1018h)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def nodes(bus: can.BusABC, now_ns: Callable[[], int]) -> list[Found]:
             profile = int(node.read("0x1000")) & 0xFFFF
             identity = {name: int(node.read(entry)) for name, entry in KEYS.items()}
         except AxisError as error:
-            found.append(Found(number, {}, f"node {number} refuses to say what it is: {error}"))
+            found.append(Found(number, {}, f"node {number} refuses to state its type: {error}"))
             continue
         section = PROFILES.get(profile)
         words = f"node {number}, CiA {profile}, " + ", ".join(

@@ -1,4 +1,4 @@
-"""A device that answered: what of it belongs into a rig's file, and what it says that it is."""
+"""A device that answered: its keys of a rig's file, and its own description."""
 
 from __future__ import annotations
 

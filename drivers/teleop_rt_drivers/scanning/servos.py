@@ -41,7 +41,7 @@ def dynamixels(open_line: OpenLine, bauds: Iterable[int] = DYNAMIXEL_BAUDS) -> l
 
 
 def _dynamixel_pongs(heard: bytes, baud: int) -> list[Found]:
-    """Return the drives whose status packets, each with a right CRC, are in what was heard."""
+    """Return the drives whose status packets, each with a right CRC, are among the bytes heard."""
     found, at = [], 0
     while (at := heard.find(dynamixel.HEADER, at)) >= 0:
         packet = heard[at : at + 14]
@@ -87,7 +87,7 @@ def _feetech_answers(line: ByteStream, servo: int) -> bool:
 
 
 def _asked(line: ByteStream, question: bytes, seconds: float) -> bytes:
-    """Return what comes within this time after a question, up to a pause of a third of it."""
+    """Return the bytes within this time after a question, up to a pause of a third of it."""
     line.read()
     line.write(question)
     heard, end_s = b"", time.monotonic() + seconds

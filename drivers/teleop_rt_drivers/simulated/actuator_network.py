@@ -126,7 +126,7 @@ class ActuatorNetwork:
             self._mend()
 
     def process(self) -> None:
-        """Handle what waits, as of now, and let the drive send what is due."""
+        """Handle the waiting frames, as of now, and let the drive send what is due."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         self._receive(now_ns)
@@ -212,7 +212,7 @@ class CanActuatorNetwork(ActuatorNetwork):
             return None
 
     def descriptors(self) -> list[int]:
-        """Return what becomes readable when there is something to do."""
+        """Return the descriptor that becomes readable when there is something to do."""
         return [self._bus.fileno()]
 
     def close(self) -> None:

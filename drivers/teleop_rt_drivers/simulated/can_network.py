@@ -100,7 +100,7 @@ class CanNetwork:
             mend_bus(self._bus)
 
     def process(self) -> None:
-        """Handle what waits, as of now, and let the devices send what is due."""
+        """Handle the waiting frames, as of now, and let the devices send what is due."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         while (frame := self._receive()) is not None:
@@ -119,7 +119,7 @@ class CanNetwork:
         return min(device.due_ns(now_ns) for device in self.devices.values())
 
     def descriptors(self) -> list[int]:
-        """Return what becomes readable when there is something to do."""
+        """Return the descriptor that becomes readable when there is something to do."""
         return [self._bus.fileno()]
 
     def close(self) -> None:

@@ -155,7 +155,7 @@ class CanopenNetwork:
         return now_ns + TIMERS_NS
 
     def descriptors(self) -> list[int]:
-        """Return what becomes readable when there is something to do."""
+        """Return the descriptor that becomes readable when there is something to do."""
         return self._descriptors
 
     @cached_property

@@ -183,7 +183,7 @@ def crc8(data: bytes) -> int:
 
 
 def clamped(value: float, limit: int) -> int:
-    """Return the nearest whole number within what a field can hold."""
+    """Return the nearest whole number within the range of a field."""
     return max(-limit, min(limit, round(value)))
 
 

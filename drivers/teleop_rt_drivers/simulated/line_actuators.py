@@ -71,7 +71,7 @@ class LineActuatorNetwork(ActuatorNetwork):
             self._latched()
 
     def descriptors(self) -> list[int]:
-        """Return what becomes readable when there is something to do."""
+        """Return the descriptor that becomes readable when there is something to do."""
         fileno = getattr(self._stream, "fileno", None)
         return [] if self._off or fileno is None else [fileno()]
 

@@ -51,16 +51,16 @@ class Network(Protocol):
         """End the device's lasting fault."""
 
     def process(self) -> None:
-        """Handle what waits, as of now."""
+        """Handle the waiting frames, as of now."""
 
     def serve_once(self) -> None:
-        """Handle what waits, as of when it arrived where that is known."""
+        """Handle the waiting frames, as of their arrival where that is known."""
 
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""
 
     def descriptors(self) -> list[int]:
-        """Return what becomes readable when there is something to do."""
+        """Return the descriptor that becomes readable when there is something to do."""
 
     def close(self) -> None:
         """Release the bus or the lines."""
@@ -122,7 +122,7 @@ class SimulatedRig:
                 own.drive.refuses = False
 
     def process(self) -> None:
-        """Handle what waits, run the devices' timers, let the plant run on."""
+        """Handle the waiting frames, run the devices' timers, let the plant run on."""
         for network in self.networks:
             network.process()
         self._advance_idle()

@@ -157,5 +157,5 @@ def counted(value: float, zero: float, step: float) -> float:
 
 @shared
 def clamped(value: float, limit: int) -> int:
-    """Return the nearest whole number within what a field can hold."""
+    """Return the nearest whole number within the range of a field."""
     return max(-limit, min(limit, round(value)))

@@ -118,7 +118,7 @@ class SerialNetwork:
         self.devices[device].faults.heal()
 
     def process(self) -> None:
-        """Handle what waits, as of now, and let the devices send what is due."""
+        """Handle the waiting frames, as of now, and let the devices send what is due."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         measured = False
@@ -142,7 +142,7 @@ class SerialNetwork:
         return min((device.due_ns(now_ns) for device, _ in self._items), default=now_ns)
 
     def descriptors(self) -> list[int]:
-        """Return what becomes readable when there is something to do."""
+        """Return the descriptor that becomes readable when there is something to do."""
         return [stream.fileno() for _, stream in self._items if hasattr(stream, "fileno")]
 
     def close(self) -> None:
