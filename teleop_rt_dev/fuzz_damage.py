@@ -40,7 +40,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
 
 
 class Target:
-    """One reader; `last` holds what it was given last."""
+    """One reader; `last` holds its last input."""
 
     def __init__(self, one: Callable[[bytes], object], seeds: list[bytes]) -> None:
         self._one = one
@@ -48,7 +48,7 @@ class Target:
         self.last = b""
 
     def warm_up(self) -> None:
-        """Read what is whole once: importing what reads it is no case's time."""
+        """Read an undamaged file once: importing its reader is no case's time."""
         self._one(self._seeds[0])
 
     def run(self, rng: random.Random) -> None:

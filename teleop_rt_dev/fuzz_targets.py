@@ -31,7 +31,7 @@ PACKAGE = Path(registry.__file__).parent
 
 
 def _noting(send: Callable[..., None], sent: list[bytes]) -> Callable[..., None]:
-    """Return what sends and notes each packet."""
+    """Return the function that sends and notes each packet."""
 
     def noted(packet: bytes, to: Address | None = None) -> None:
         sent.append(packet)

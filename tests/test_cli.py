@@ -36,7 +36,7 @@ def test_a_simulated_run_writes_its_folder_and_prints_one_json_object(call, tmp_
     assert err.splitlines() == [f"{phase} ..." for phase in phases]
     summary = json.loads(out)
     assert summary == json.loads((tmp_path / "here" / "summary.json").read_text())
-    table = README.read_text().partition("| file | what is in it |")[2].partition("\n\n")[0]
+    table = README.read_text().partition("| file | contents |")[2].partition("\n\n")[0]
     promised = set(re.findall(r"^\| `([a-z.]+)`", table, re.MULTILINE))
     assert len(promised) == 6
     assert {path.name for path in (tmp_path / "here").iterdir()} == promised

@@ -107,7 +107,7 @@ def raw_can_load(config: RawCanPart, bit_rate: int) -> Load:
 
 
 def actuator_load(config: CanActuatorPart, rig: RigConfig, bit_rate: int) -> Load:
-    """Return the load of a command every cycle, and of what the drive sends each cycle."""
+    """Return the load of a command every cycle, and of the drive's frames each cycle."""
     frames = config.codec(rig).follow(0.0, 0.0)
     bits = sum(sum(exchange_bits(frame, config, bit_rate)) for frame in frames)
     return Load(bits, 0.0, bit_rate)
@@ -143,7 +143,7 @@ def line_turn_s(config: LineActuatorPart, rig: RigConfig) -> float:
 
 
 def serial_loads(config: SerialPart) -> dict[str, Load]:
-    """Return the load of each direction of each port: what a frame every cycle takes."""
+    """Return the load of each direction of each port, by a frame every cycle."""
     loads = {}
     for name, port in config.ports.items():
         frame = load_format(port.format)

@@ -78,7 +78,7 @@ def _enabling(operator: DeviceOperator) -> list[Finding]:
 
 
 def _walls(trial: TrialConfig, port: Port) -> list[Finding]:
-    """Report the stiffest wall, and what the trial's own would need."""
+    """Report the stiffest wall, and the damping that the trial's own would need."""
     where, step = "operator.rig.device.damping", "measure the device's friction, or add a brake"
     units = trial.rig.units
     stiffness, damping = f"{units.force}/{units.position}", f"{units.force} s/{units.position}"

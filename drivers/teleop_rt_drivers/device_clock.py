@@ -85,7 +85,7 @@ def advance(clock: Any, step_ns: float, arrival_ns: int) -> int:
 
 @kernel
 def correct(clock: Any, error: float) -> None:
-    """Move the line by what this arrival says, unless it is an outlier."""
+    """Move the line by this arrival, unless it is an outlier."""
     gate = GATE_SIGMA * max(math.sqrt(clock.variance), FLOOR_NS)
     if clock.samples >= WARM_UP and abs(error) > gate:
         clock.outliers += 1
@@ -110,7 +110,7 @@ class DeviceClock:
     """Maps a device's counter of `bits` and `tick_s` per count onto monotonic nanoseconds."""
 
     def __init__(self, tick_s: float, bits: int, stored: Stored | None = None) -> None:
-        """Begin with neither clock known; `stored` is room (1,) for what kernels know."""
+        """Begin with neither clock known; `stored` is room (1,) for the kernels' state."""
         self._modulo = 1 << bits
         self._half = 1 << bits - 1
         self.stored = new_clocks(1) if stored is None else stored

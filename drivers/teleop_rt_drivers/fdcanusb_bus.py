@@ -112,7 +112,7 @@ class FdcanusbBus(can.BusABC):
         return (self._frames.popleft(), False) if self._frames else (None, False)
 
     def _read(self) -> None:
-        """Take whole lines: frames, answers; what is neither is dropped."""
+        """Take whole lines: frames and answers; others are dropped."""
         try:
             self._begun += self._stream.read()
         except StreamGoneError as error:

@@ -29,7 +29,7 @@ GOOD_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock")
 def examine_machine(
     rig: RigConfig, seconds: float = LOOKED_S, between: Callable[[], None] = lambda: None
 ) -> list[Finding]:
-    """Return what the machine allows: privileges, cores, clock source, wake latency and stalls.
+    """Return the findings on the machine: privileges, cores, clock source, wake latency and stalls.
 
     `between` is called once a tick of the bare loop.
     """
@@ -77,7 +77,7 @@ def judged_wake_up(latencies_us: Iterable[float]) -> Finding:
     p50, p99 = np.percentile(list(latencies_us), (50, 99))
     what = f"a bare loop wakes {p50:.0f} us late (p50), {p99:.0f} us (p99)"
     if p99 > LATE_US:
-        step = "isolate a core, end what loads the machine, or use a PREEMPT_RT kernel"
+        step = "isolate a core, end programs that load the machine, or use a PREEMPT_RT kernel"
         return Finding("warning", what, "scheduling, timer", step)
     return Finding("ok", what, "scheduling, timer")
 
@@ -90,7 +90,7 @@ def judged_stalls(late: Lateness, seconds: float) -> Finding:
         f"the longest stall in {seconds:g} s was {stalls['longest_stall_ms']:.1f} ms; "
         f"realtime.late holds from {bounds['hold_ms']:g} ms on and stops from {bounds['stop_ms']:g}"
     )
-    step = "isolate a core (isolcpus) and name it in realtime.cpu, or end what loads the machine"
+    step = "isolate a core (isolcpus) and name it in realtime.cpu, or end other programs"
     if stalls["stop"] is not None:
         return Finding("error", what, where, step)
     return Finding("warning", what, where, step) if stalls["holds"] else Finding("ok", what, where)

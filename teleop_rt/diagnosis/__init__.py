@@ -1,1 +1,1 @@
-"""Find what a model lacks in recorded data, name it, and show the error before and after."""
+"""Find the effect that a model lacks in recorded data, and show the error before and after."""

@@ -109,7 +109,7 @@ def _add_notes(
     stated: tuple[str, float | None],
     start: float,
 ) -> None:
-    """Add the notes, what the residual depends on, and dropouts, which count as gaps.
+    """Add the notes, the quantities behind the residual, and dropouts, which count as gaps.
 
     `stated` are the base and the surface that the caller gave; the recording's part that is used
     begins at `start` [s].

@@ -58,7 +58,7 @@ def measure() -> list[float]:
 
 
 def traced_growth(world: LockstepTrial) -> int:
-    """Return what is left of ten seconds of ticks [bytes], Python's own free lists apart."""
+    """Return the memory left by ten seconds of ticks [bytes], Python's own free lists apart."""
     tracemalloc.start()
     for _ in range(WARM_UP):
         world.step()

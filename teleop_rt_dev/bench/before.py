@@ -2,8 +2,8 @@
 
     scripts/bench before [--rounds N]
 
-The older commit lies in a folder of its own (git worktree), which is removed in the end; what it
-needs is what is installed here. TELEOP_RT_BEFORE names another commit than the default. Each round
+The older commit lies in a folder of its own (git worktree), removed in the end; the packages it
+needs are those installed here. TELEOP_RT_BEFORE names another commit than the default. Each round
 measures both, one after the other, and the ratio is of a round: other load meets both sides. Each
 round is printed as it ends, so that a run that is cut off has not been for nothing.
 """
@@ -27,7 +27,7 @@ BEFORE = os.environ.get("TELEOP_RT_BEFORE", "2529d19")
 RIGS = ("canopen", "serial", "mixed")
 RATE_HZ = 1000  # of the shipped rigs
 MAX_RATIO = {"p50": 0.35, "p99": 0.4}
-"""The aim of a tick in one compiled step, as a share of what the older commit takes."""
+"""The aim of a tick in one compiled step, as a share of the older commit's time."""
 
 
 def run(rounds: int) -> list[Row]:
@@ -60,7 +60,7 @@ def _tree(commit: str) -> Iterator[Path]:
 
 
 def _pair(before: Path, rig: str) -> tuple[dict[str, float], dict[str, float]]:
-    """Measure both sides once, and print what they took."""
+    """Measure both sides once, and print their times."""
     old, new = _tick(before, rig), _tick(ROOT, rig)
     found = ", ".join(f"{key} {new[key]:.0f} of {old[key]:.0f} us" for key in MAX_RATIO)
     print(f"{rig}: {found}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Run benches by name and print what they measured: see scripts/bench."""
+"""Run benches by name and print their figures: see scripts/bench."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ON_REQUEST = ("before", "steady")
 
 
 def machine() -> str:
-    """Say what this was measured on."""
+    """Print the machine of these figures."""
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():

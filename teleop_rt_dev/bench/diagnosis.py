@@ -59,7 +59,7 @@ def records() -> list[Record]:
 
 
 def by_peers(cases: list[Record]) -> dict[str, list[dict[str, Any]]]:
-    """Return what each peer answers, by record."""
+    """Return each peer's answers, by record."""
     tables = [dictionary(record) for record in cases]
     arrays: dict[str, Any] = {"count": len(cases)}
     for i, (record, (theta, _)) in enumerate(zip(cases, tables, strict=True)):
@@ -84,7 +84,7 @@ def by_peers(cases: list[Record]) -> dict[str, list[dict[str, Any]]]:
 
 
 def by_us(cases: list[Record]) -> list[dict[str, Any]]:
-    """Return what diagnosis answers, by record."""
+    """Return the answers of diagnosis, by record."""
     found = []
     for record in cases:
         parts = [
@@ -148,7 +148,7 @@ def rows_of(name: str, answers: list[dict[str, Any]], *, ours: bool) -> list[Row
 
 
 def run(rounds: int) -> list[Row]:
-    """Compare on the same records; they, not rounds, are what the figures spread over."""
+    """Compare on the same records; the figures spread over them, not over rounds."""
     del rounds
     cases = records()
     by_us(cases[:1])

@@ -35,7 +35,7 @@ class Heard:
 
 
 def listened(name: str, now: list[int]) -> Heard:
-    """Run a rig with a maker's drive for some cycles of 1 ms, and return what the drive answered.
+    """Run a rig with a maker's drive for some cycles of 1 ms, and return the drive's answers.
 
     now: the simulated time [ns], which goes on.
     """
@@ -76,7 +76,7 @@ def listened(name: str, now: list[int]) -> Heard:
 
 
 def actuator_cycle(name: str) -> Callable[[int], float]:
-    """Return what times a cycle with a maker's drive: its answers read, the next target sent."""
+    """Return the timed cycle of a maker's drive: its answers read, the next target sent."""
     now = [10**9]
     heard, sample = listened(name, now), Sample()
     rig: Any = heard.trial.rig

@@ -5,7 +5,7 @@ records and sends as ever. Unwatched, the server of the page is stopped and the 
 watched, a headless chromium on this very machine draws the page, and has to share its cores: a
 tablet beside it costs less. Frames are counted in the browser, where they are drawn; of the whole
 page, with a master and a model, while a recording is played. A process that only counts, in the
-browser's place, shows what any work on the other core costs the loop on this machine.
+browser's place, shows the cost of any work on the other core for the loop on this machine.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def _started(
 
 
 def window(ring: RingReader) -> dict[str, float]:
-    """Return what the loop's ticks were like in the next seconds, the first of them left out."""
+    """Return statistics of the loop's ticks in the next seconds, the first of them left out."""
     time.sleep(SETTLING_S)
     ring.read()
     pieces = []

@@ -1,7 +1,7 @@
 """The slave's tick in lock-step: Python instructions and calls, work, and a trial's processor time.
 
 Slave, ends of the link, drivers and simulated rig run in this process, so that their instructions
-are counted together; they do not depend on what else the machine does.
+are counted together; they do not depend on the machine's other work.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Watch:
 
 @contextmanager
 def watched() -> Iterator[Watch]:
-    """Yield what runs the cycles of slaves whose schedule is made meanwhile."""
+    """Yield the function that runs the cycles of slaves whose schedule is made meanwhile."""
     watch, cycle = Watch(), Slave.cycle
 
     def run_watched(slave: Slave) -> None:

@@ -68,7 +68,7 @@ OFFLINE = {
 
 
 AIMS = {"replay with 18 estimators": ("<= 4.5", "<= 302"), "diagnosis": ("<= 4.5", "<= 326")}
-"""Half of what an hour took once: processor time, peak memory."""
+"""Half of an hour's figures once: processor time, peak memory."""
 
 
 def stretch(base: Path, folder: Path, minutes: float) -> None:
@@ -109,7 +109,7 @@ def stretch(base: Path, folder: Path, minutes: float) -> None:
 
 
 def _shifted(pieces: list[bytes], later: dict[bytes, int]) -> bytes:
-    """Return a row's text, split at what is shifted, with every number that much later."""
+    """Return a row's text, split at the shifted values, with every number that much later."""
     moved = list(pieces)
     for place in range(1, len(pieces), 3):
         moved[place + 1] = b"%d" % (int(pieces[place + 1]) + later[pieces[place]])

@@ -37,7 +37,7 @@ def replay(folder: Path, *options: str) -> list[str]:
 
 
 def timed(command: list[str]) -> tuple[float, bytes]:
-    """Return what a command took [s], and what it printed."""
+    """Return the time of a command [s], and its output."""
     begun = time.perf_counter()
     done = subprocess.run(command, capture_output=True, check=True)
     return time.perf_counter() - begun, done.stdout

@@ -1,6 +1,6 @@
 """The master's cycle with an operator's device, the link over real sockets, on simulated time.
 
-The device, its plant and the slave are in the same process; what they take is left out.
+The device, its plant and the slave are in the same process; their time is left out.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Devices:
     spent_ns = 0
 
     def timed(self, process: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return what lets a network of devices answer, timed."""
+        """Return the function that lets a network of devices answer, timed."""
 
         def answer(network: CanopenNetwork) -> None:
             started_ns = time.perf_counter_ns()

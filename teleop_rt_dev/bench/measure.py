@@ -60,7 +60,7 @@ def row(name: str, unit: str, values: Sequence[float], bar: str | None = None) -
 
 
 def quantiles(work_us: Sequence[float]) -> dict[str, float]:
-    """Return what a loop is judged by: median, 99th and 99.99th percentile, and largest."""
+    """Return the figures of a loop: median, 99th and 99.99th percentile, and largest."""
     found = np.quantile(work_us, (0.5, 0.99, 0.9999, 1.0)).tolist()
     return dict(zip(("p50", "p99", "p99.99", "max"), found, strict=True))
 

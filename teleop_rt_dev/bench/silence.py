@@ -36,7 +36,7 @@ def run(rounds: int) -> list[Row]:
 
 
 def commands(folder: Path) -> dict[str, list[str]]:
-    """Return the commands in the order in which one needs what another has left."""
+    """Return the commands in the order in which one needs the files of another."""
     first, recording = folder / "run", folder / "run" / "recording.mcap"
     simulated = [str(SILICONE), "--clock", "simulated"]
     commands = {

@@ -18,13 +18,13 @@ from teleop_rt_dev.bench.measure import Row, row, take_all_cores
 from teleop_rt_dev.paths import SILICONE
 
 PATIENCE_S = 300.0
-"""Long enough for the first start, which compiles what the others find."""
+"""Long enough for the first start, which compiles kernels for the others."""
 
 
 def run(rounds: int) -> list[Row]:
     """Start the daemon on a rig that is powered, and a whole run at once; once to warm up."""
     take_all_cores()
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # what is warm has its bytecode, too
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a warm start has its bytecode, too
     count = 1 + max(3, rounds // 5)
     daemon = [_daemon() for _ in range(count)][1:]
     return [

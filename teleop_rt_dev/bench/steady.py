@@ -1,4 +1,4 @@
-"""A tick on CANopen over ten minutes: what a few thousand ticks cannot show, idle and beside work.
+"""A tick on CANopen over ten minutes, idle and beside work: more than a few thousand ticks show.
 
 TELEOP_RT_MINUTES asks for another time.
 """

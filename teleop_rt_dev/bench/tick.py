@@ -60,7 +60,7 @@ def run(rounds: int) -> list[Row]:
 
 
 def measured(rig: str, rate_hz: int, ticks: int = TICKS) -> dict[str, float]:
-    """Return what `measure` does, in a process of its own."""
+    """Return the result of `measure`, run in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-m", __name__, rig, str(rate_hz), str(ticks)],
         stdout=subprocess.PIPE,
@@ -85,7 +85,7 @@ def measure(rig: str, rate_hz: int, ticks: int = TICKS) -> dict[str, float]:
         prepare_process(60, LOOP_CPU)
         clock = new_clock()
         for tick in range(MOST_SHARE * ticks):
-            # As if never late: what is measured is the work, also where it does not fit.
+            # As if never late: the work is measured, also where it does not fit.
             skipped = clock.wait_next_tick()
             slave.cycle(0, clock.wake_latency_ns)
             state = slave.safety.state

@@ -1,4 +1,4 @@
-"""Ablation of diagnosis: what each gate and each constant of the judgement earns.
+"""Ablation of diagnosis: the worth of each gate and each constant of the judgement.
 
     scripts/campaign ablate [--records N] [--seed S] [--groups G ...] [--gates NAME ...]
         [--measured TEXT ...] [--keyed FOLDER ...] [--every N] [--jobs J] [--json]
@@ -50,7 +50,7 @@ from teleop_rt_dev.diagnosis.replaced import (
 from teleop_rt_dev.diagnosis.table import table, wrong
 from teleop_rt_dev.parallel import in_order
 
-Case = tuple[str, Any]  # kind of record, and what makes it
+Case = tuple[str, Any]  # kind of record, and its maker
 
 GROUPS = (  # group, generator, surface
     ("null", "own", "given"), ("null", "foreign", "given"), ("single", "own", "given"),
@@ -64,7 +64,7 @@ _WORTH = {"right": 1, "wrong": -1}  # all else is honest
 
 
 def first(*arguments: Any, **_: Any) -> Any:
-    """Return the first argument: what a gate is given, it leaves as it is."""
+    """Return the first argument: a gate's input, unchanged."""
     return arguments[0]
 
 
@@ -130,7 +130,7 @@ GATES: dict[str, tuple[str, Function]] = {
     ),
     "no name that fits no better": ("inference.explanation:_named_set_fits_as_well", NEVER),
 }  # fmt: skip
-"""Gate -> where it is, and what stands in its place where it is left out."""
+"""Gate -> its module, and its replacement where it is left out."""
 
 _NEARLY_ONE = {"NAMED_SHARE", "POSTERIOR_MASS", "HIGHEST_PROBABILITY", "HIGHEST_BESIDE_UNKNOWN"}
 CONSTANTS = tuple(name for name in vars(criteria) if name.isupper() and name not in _NEARLY_ONE)
@@ -227,7 +227,7 @@ def cases(
     keyed: Sequence[Path] = (),
     every: int = 1,
 ) -> list[Case]:
-    """Return what makes each record: so many of each group, and those measured and keyed."""
+    """Return the maker of each record: so many of each group, and those measured and keyed."""
     drawn: list[Case] = [
         ("drawn", campaign_diagnosis.plan(group, number, seed, generator, surface))
         for group, generator, surface in GROUPS

@@ -1,11 +1,11 @@
-"""Attack the link of real processes from between them, and read what the slave makes of it.
+"""Attack the link of real processes from between them, and read the slave's reaction.
 
     scripts/campaign attack [--seconds S] [--seed N] [--json]
 
 Simulated rig, slave and master run at 200 Hz over loopback; a process between them that holds no
 key sees every packet. First a stranger with ports of its own replays and forges handshakes; then
 the one between repeats, reflects, changes and mixes packets while the master leads, goes on after
-the master was killed, and lets go what it withheld of the dead master.
+the master was killed, and releases the withheld packets of the dead master.
 Exits with 1 where the slave obeyed anything of it, or was stopped by it.
 """
 
@@ -56,7 +56,7 @@ class AttackedTrial:
         return len(self.wire.to_slave.withheld)
 
     def row(self) -> dict[str, float]:
-        """Return what the slave recorded last."""
+        """Return the last values that the slave recorded."""
         ring: RingReader = self.sides.ring("slave", "slave")
         newest = ring.newest()
         return {} if newest is None else {name: float(newest[COLUMN[name]]) for name in COLUMN}

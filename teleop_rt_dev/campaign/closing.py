@@ -2,7 +2,7 @@
 
     scripts/campaign closing [--effects NAME ...] [--seeds N] [--clean N] [--json] [--jobs J]
 
-Prints per hidden effect what was found, the lamp, and the errors before and after on the fresh
+Prints per hidden effect the answer, the lamp, and the errors before and after on the fresh
 trial; and of plants that hide nothing, how many were named an effect or lit the lamp. Exits with 1
 where a wrong effect was named or an error was made worse.
 """
@@ -26,7 +26,7 @@ from teleop_rt_dev.parallel import in_order
 from teleop_rt_dev.trial.closed_loop import closed
 from teleop_rt_dev.trial.closing_table import show
 
-# Beside each effect, what else the trial needs: a contact that such a force does not feign.
+# Beside each effect, other keys of the trial: a contact that such a force does not feign.
 FIRM = ("contact.onset_force_N=4.0", "contact.release_force_N=2.0")
 HIDDEN: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
     "nonlinear_stiffening": ({"stiffness_N_per_m": 1800.0, "locking_depth_m": 0.05}, ()),
@@ -75,7 +75,7 @@ def overrides(hidden: str, seed: int) -> tuple[str, ...]:
 
 
 def judged(hidden: str, answer: Mapping[str, Any]) -> str:
-    """Return what the answer is worth: see the table's legend."""
+    """Return the grade of the answer: see the table's legend."""
     verdict, sets = answer["verdict"], [sorted(names) for names in answer["class"]]
     named = [effect["name"] for effect in answer["effects"]]
     if verdict == "named":

@@ -143,7 +143,7 @@ def run(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def run_foreign(case: dict[str, Any], effects: tuple[str, ...]) -> dict[str, Any]:
-    """Diagnose a record of the foreign generator, which draws what the case leaves open."""
+    """Diagnose a record of the foreign generator, which draws the open parts of the case."""
     record = foreign(case["seed"], effects, **narrow(case))
     begun = time.process_time()
     found = diagnosed(measured(record), record.base, case)
@@ -200,7 +200,7 @@ _REFUSED: dict[str, Any] = {
 
 
 def judged(found: Diagnosis | None, effects: tuple[str, ...]) -> dict[str, Any]:
-    """Return what the answer is worth for this truth."""
+    """Return the grade of the answer for this truth."""
     answer = _REFUSED if found is None else found.answer
     sets = [sorted(s) for s in answer["class"]]
     truth = sorted(effects)

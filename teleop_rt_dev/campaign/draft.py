@@ -4,7 +4,7 @@
 
 Each plant is recorded once, over two motions; the law is drafted on the first and scored on the
 second. Printed are the verdict without the effect, the terms of the law, NRMSE on the second motion
-of the base, of the true effect and of the draft, and what the draft takes of the error that the
+of the base, of the true effect and of the draft, and the draft's share of the error that the
 true effect takes (the bar is 0.8). Where other effects stand in for the one taken out, the law is
 drafted all the same, of all that the base leaves. Exits with 1 where a draft stays below the bar.
 """

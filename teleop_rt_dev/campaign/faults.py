@@ -59,7 +59,7 @@ def in_words(error: Exception) -> str:
 
 
 def judged(row: Row, phase: str, tried: list[Outcome | str]) -> dict[str, Any]:
-    """Return the worst of what was tried; what could not be played does not hold."""
+    """Return the worst of all cases; one that could not be played does not hold."""
     outcomes = [one for one in tried if isinstance(one, Outcome)]
     unplayed = [one for one in tried if isinstance(one, str)]
     problems = sorted({one.problem for one in outcomes if one.problem}) + unplayed
@@ -73,7 +73,7 @@ def judged(row: Row, phase: str, tried: list[Outcome | str]) -> dict[str, Any]:
 
 
 def worked(name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return what a counted piece came to; one that raises does not hold."""
+    """Return the result of a counted piece; one that raises does not hold."""
     try:
         return work()
     except Exception as error:  # noqa: BLE001 - whatever it is, it ends no campaign

@@ -72,7 +72,7 @@ class Victim:
         self._note(whole)
 
     def _note(self, whole: Any) -> None:
-        """Let the drive move, and keep what it answers."""
+        """Let the drive move, and keep its answers."""
         sample, on_can = Sample(), not hasattr(self.wire, "_stream")
         handed = self.wire.take if on_can else self.wire._stream.read
 

@@ -3,7 +3,7 @@
     scripts/campaign fuzz [--seconds S] [--seed N] [--target NAME]... [--json]
 
 Seconds are shared by the targets: link, control socket, YAML, recordings, EDS, DBC, bus frames,
-actuators, lines. A case that raises what is no ExpectedError, works for more than 5 s, or grows by
+actuators, lines. A case that raises other than ExpectedError, works for over 5 s, or grows by
 more than 200 MB is written to fuzz-TARGET-SEED-CASE and ends the campaign with exit code 1.
 """
 
@@ -27,7 +27,7 @@ from teleop_rt_dev.fuzz_damage import Target
 from teleop_rt_dev.fuzz_targets import TARGETS
 
 HANG_S = 5
-"""Of processor time: what else the machine does is no hang."""
+"""Of processor time: other work of the machine is no hang."""
 LONGEST_S = 60
 """Of any time, for a case that waits instead of working."""
 MOST_GROWTH_KIB = 200 * 1024  # of all cases of a kind: a leak grows with each of thousands
@@ -48,7 +48,7 @@ def on_alarm(_number: int, _frame: FrameType | None) -> None:
 
 
 def run_case(target: Target, rng: random.Random) -> str:
-    """Run one case; return what went wrong, empty for nothing."""
+    """Run one case; return its failure, empty for none."""
     signal.alarm(LONGEST_S)
     signal.setitimer(signal.ITIMER_PROF, HANG_S)
     try:
@@ -64,10 +64,10 @@ def run_case(target: Target, rng: random.Random) -> str:
 
 
 def fuzz(name: str, make: Callable[[Path], Target], seconds: float, seed: int) -> dict[str, Any]:
-    """Run one target's cases for so long; return what was found."""
+    """Run one target's cases for so long; return the findings."""
     with tempfile.TemporaryDirectory() as folder:
         target = make(Path(folder))
-        with contextlib.suppress(Exception):  # what cannot even read this fails at the first case
+        with contextlib.suppress(Exception):  # a reader that fails here fails at the first case
             target.warm_up()
         found: dict[str, Any] = {"target": name, "cases": 0, "problem": None, "growth_KiB": 0}
         resident: int | None = None

@@ -6,14 +6,14 @@ Each trial draws a hand (0.1 to 5 kg, 0 to 3000 N/m, 0 to 60 N s/m, some with tr
 changes, some let go or held by nobody), a wall (300 to 40 000 N/m: linear, of Hunt and Crossley,
 stiffening, layered, moving), a round trip (0 to 5 s), loss to 20 %, and one of the shipped handles,
 all by its number alone. Oscillations and energies are measured here, from the plant's truth:
-nothing is shared with what the product watches. A hand that reacts late is no passive hand, so an
+nothing is shared with the product's own watch. A hand that reacts late is no passive hand, so an
 oscillation counts only where the same hand makes none against an ideal wall, which a fine
 integration renders: the true one, a spring as soft as the one that was rendered, on which tremor
 moves a hand further, and the continuous wall that was rendered then, and that never changes
 (`hands/same_hand.py`). The second judge (`hands/second_judge.py`) shares no code with the project
 or with the first, and has its own definition of shaking; it, too, leaves the hand the swings that
 the same hand makes on that last wall. A trial in which either finds an oscillation does not hold.
-Energy is that which a contact gives back beyond what the hand put into it; a surface that moves by
+Energy is that which a contact gives back beyond that from the hand; a surface that moves by
 itself may do its own work, |f| times its fastest speed, on top of the tank.
 Prints a table by kind of wall. Exits with 1 where a trial does not hold.
 """
@@ -119,7 +119,7 @@ def by_second_judge(trial: TrialConfig, truth: Rows, rendered: Rendered) -> dict
 def judge(
     trial: TrialConfig, truth: Rows, outcome: dict[str, Any], rendered: Rendered | None = None
 ) -> dict[str, Any]:
-    """Return what a trial showed, and whether it holds. `truth` are rows of HANDLE_TRUTH."""
+    """Return the findings on a trial, and whether it holds. `truth` are rows of HANDLE_TRUTH."""
     motor, master = truth[:, _MOTOR], trial.master
     period_s = 1.0 / master.rate_hz
     swings, size, own = first_judge(trial, truth, outcome, rendered)
@@ -177,7 +177,7 @@ def ideals(trial: TrialConfig, outcome: dict[str, Any]) -> Iterator[tuple[Rows, 
 def given_back(trial: TrialConfig, truth: Rows) -> float:
     """Return the most energy [J] that the port gave the hand between two moments without force.
 
-    Springs are relaxed then, and what the device's mass holds is counted as the hand's.
+    Springs are relaxed then, and the energy of the device's mass is counted as the hand's.
     """
     operator = trial.operator
     body = operator.plant or operator.body  # type: ignore[union-attr]

@@ -27,7 +27,7 @@ PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
 PER_CYCLE = 100  # bytes or frames of garbage per line or bus, far more than the devices send
 QUIET = ("force_noise_N=0", "force_lag_jitter_us=0", "force_lag_ms=0")
 POSITION_ERROR, FORCE_ERROR = 2.6e-6, 0.6e-3
-# NMT, SYNC, time, and what nodes of the rigs send: garbage under an id that is heard.
+# NMT, SYNC, time, and frames of the rigs' nodes: garbage under an id that is heard.
 IDS = (0x000, 0x080, 0x100, 0x101, 0x102, 0x190, 0x1A0, 0x1B0, 0x290, 0x710, 0x720, 0x730, 0x77F)
 
 
@@ -41,7 +41,7 @@ class Attack:
         self.sent = 0
 
     def strike(self) -> None:
-        """Put garbage before what the devices will send in this cycle."""
+        """Put garbage before the frames that the devices will send in this cycle."""
         for line in self._lines:
             line._arrived += self._random.randbytes(PER_CYCLE)
             self.sent += PER_CYCLE

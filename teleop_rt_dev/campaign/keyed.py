@@ -7,7 +7,7 @@ recording is NAME.csv with the columns t [s], x [m] and f [N]. `truth` is a set 
 `+`, `none`, or `outside:` with some words; `tied` are other sets, joined by `|`, which fit as well.
 
 right     the named set, or one of the class, is the truth or tied to it; nothing where nothing is
-          missing; "unexplained" or "partial" for what is outside the library
+          missing; "unexplained" or "partial" for effects outside the library
 honest    "unexplained", "nothing missing", or effects of the truth alone, without all of them
 wrong     any other answer: a name that is not there
 
@@ -59,7 +59,7 @@ def answered(entry: Mapping[str, str]) -> dict[str, Any]:
 
 
 def worth(entry: Mapping[str, str], verdict: str, sets: Sequence[Sequence[str]]) -> Worth:
-    """Return what an answer is worth by the key."""
+    """Return the grade of an answer by the key."""
     named = [set(names) for names in sets] if verdict in {"named", "class", "partial"} else []
     if entry["truth"] == "none":
         if named:
@@ -89,7 +89,7 @@ def _of_one(names: set[str], sets: Sequence[set[str]]) -> bool:
 
 
 def row(entry: Mapping[str, str]) -> dict[str, Any]:
-    """Return a recording's answer, what it is worth, and the processor time [s].
+    """Return a recording's answer, its grade, and the processor time [s].
 
     `effects` are those that may be at work by the key, for the reliability of probabilities.
     """

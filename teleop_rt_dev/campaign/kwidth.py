@@ -10,7 +10,7 @@ the port has given more energy than it took, with credit kept for ever. Ours ren
 the bound, so its width is 1 wherever that is quiet. The excess of plain rendering over 1 is the
 margin that the bound gives away for these five hands: it holds for every passive one.
 
-A second table compares what the shipped handles render, K without B and B beside the cube's K, with
+A second table compares walls as handles render them, K without B and B beside the cube's K, with
 the optimum for the plant's own damping, latency and motor (`best_wall.py`).
 """
 
@@ -57,7 +57,7 @@ ASKED = ("damiao_handle", "robstride_handle", "moteus_handle")
 ANSWERED = ("operator.rig.axis.answer_within_ms=0.35",)
 """Handles whose drive can be asked where it is as a cycle begins, and how long that takes."""
 ALPHA_MAX = 200.0
-"""Most damping of the textbook's controller [N s/m]: half of what a sampled 0.2 kg can take."""
+"""Most damping of the textbook's controller [N s/m]: half of a sampled 0.2 kg's most."""
 
 
 @kernel
@@ -134,7 +134,7 @@ def answers_late(axis: object, rig: RigConfig) -> bool:
 
 
 def shipped(handle: str, changes: Sequence[str] = ()) -> dict[str, Any]:
-    """Return what a shipped handle renders, and the optimum for what its plant is."""
+    """Return the wall that a shipped handle renders, and the optimum for its plant."""
     changes = [f"operator.rig=../rigs/simulated_{handle}.yaml", *changes]
     trial = load_trial_file(TRIALS / "handle.yaml", changes)
     operator, period_s = trial.operator, 1.0 / trial.master.rate_hz

@@ -1,4 +1,4 @@
-"""Campaign on measured recordings: the answer against what is known, the error against a rival.
+"""Campaign on measured recordings: the answer against the known one, the error against a rival.
 
     scripts/campaign measured [--only TEXT ...] [--jobs J] [--json]
 

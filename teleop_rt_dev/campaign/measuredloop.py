@@ -3,7 +3,7 @@
     scripts/campaign measuredloop [--only TEXT ...] [--json] [--table FILE ...]
 
 Pairs are those of diagnosis/measured_keys.yaml: two recordings, or the two halves of one that is
-long. Each goes through what `teleop-rt close-loop --recording A --test B` does. Printed as soon as
+long. Each goes through all of `teleop-rt close-loop --recording A --test B`. Printed as soon as
 they are there, as Markdown or as JSON lines: verdict, effects, and the error on unseen data before
 and after, over the force's deviation there; a pair that fails is a row that says why. `--table`
 prints the Markdown of JSON lines that were kept.
@@ -39,7 +39,7 @@ HEAD = (
 
 
 def pairs() -> list[tuple[str, str | None]]:
-    """Return the names of what is diagnosed and what is scored on; None for the second half."""
+    """Return the names of the diagnosed and of the scored recording; None for the second half."""
     pairs = yaml.safe_load(KEYS.read_text(encoding="utf-8"))["pairs"]
     return [(pair["recording"], pair.get("test")) for pair in pairs]
 

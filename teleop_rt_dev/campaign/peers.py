@@ -99,7 +99,7 @@ def by_regressions(entries: Sequence[Mapping[str, Any]], data: Path) -> list[dic
 
 
 def answered(arrays: Mapping[str, Any]) -> dict[tuple[str, int], list[dict[str, Any]]]:
-    """Return what each peer answers, by peer and record, a fold after the other."""
+    """Return each peer's answers, by peer and record, a fold after the other."""
     found: dict[tuple[str, int], list[dict[str, Any]]] = defaultdict(list)
     for answer in answers_of_peers(arrays):
         found[answer["peer"], answer["record"]].append(answer)
@@ -161,7 +161,7 @@ def main(arguments: list[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     parser.add_argument("--only", nargs="*", default=[], help="texts, one in each file's name")
-    parser.add_argument("--answers", type=Path, help="what `campaign measured --json` printed")
+    parser.add_argument("--answers", type=Path, help="the output of `campaign measured --json`")
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
     data = os.environ.get("TELEOP_RT_DATA")

@@ -5,7 +5,7 @@
 Prints a table in Markdown; with --seeds one row for so many seeds of each rig, with the worst of
 stiffness and surface, and in how many runs the truth lies in the estimate's own interval. Rigs run
 on the simulated clock, or with --processes on the real one, each side a process of its own: then
-the figures depend on what else the machine does. Exits with 1 where a rig ends in a fault, or
+the figures depend on the machine's other work. Exits with 1 where a rig ends in a fault, or
 misses the bounds of the default trial.
 """
 

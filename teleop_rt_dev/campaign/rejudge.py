@@ -1,16 +1,16 @@
-"""Judging again from stored candidates: what another level or one gate less would answer.
+"""Judging again from stored candidates: the answer with another level or one gate less.
 
     scripts/campaign rejudge FOLDER --keep [--records N] [--seed S] [--groups G ...]
         [--measured TEXT ...]
     scripts/campaign rejudge FOLDER [--set NAME=VALUE ...] [--without GATE ...]
 
 With --keep each record of `campaign ablate` is diagnosed once, and one file per record in FOLDER
-keeps what its judgements were made from: the ranked candidates, and the sets with their energies.
+keeps the data of its judgements: the ranked candidates, and the sets with their energies.
 A record that is there already is not diagnosed again. Without --keep the stored candidates are
 judged again, in milliseconds a record, with levels of `criteria` set to other values or with gates
 left out, and each judgement that differs is printed with the truth.
 
-A judgement that decides what is searched next cannot be followed: the candidates are those that
+A judgement that decides on the next search cannot be followed: the candidates are those that
 were found. Gates that act before the judgement change nothing here; `campaign ablate` tries them.
 """
 
@@ -51,7 +51,7 @@ def _uncached(value: Problem | RecordedMotion) -> tuple[type, tuple[Any, ...]]:
 
 
 def keep(case: Case) -> bytes:
-    """Diagnose a record; return, pickled, what it is, its answer, and its judgements' arguments."""
+    """Diagnose a record; return, pickled, its case, its answer, and its judgements' arguments."""
     calls: list[Call] = []
     with ExitStack() as stack:
         for judgement in JUDGEMENTS:

@@ -1,11 +1,11 @@
-"""The first touch by each mode: what is felt in the half second in which the wall is unknown.
+"""The first touch by each mode: the felt force in the half second in which the wall is unknown.
 
     scripts/campaign touch [--round-trips MS ...] [--seconds S] [--set KEY=VALUE ...]
 
 The shipped handle approaches the silicone cube, by a rendered model and by the modes that need
 none. From the moment at which the tool touches, for half a second: the force of the motor beside
 the force of the tool at the same moment (NRMSE of the tool's largest force), how long after the
-touch the motor gives half a newton, the tool's largest force, and what the hand was given back. A
+touch the motor gives half a newton, the tool's largest force, and the energy the hand gets back. A
 mode without a model that felt better here would be worth switching to until the wall is known.
 """
 

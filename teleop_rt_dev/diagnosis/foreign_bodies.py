@@ -51,7 +51,7 @@ SURFACE: dict[str, Callable[[Rig, float], Operation]] = {
 
 
 def surface_effect(r: Rig, name: str) -> Operation | None:
-    """Return what the effect does to the motion against the surface; None for another's."""
+    """Return the motion against the surface after the effect; None for another's."""
     sign = r.rng.choice([-1.0, 1.0])
     return SURFACE[name](r, sign) if name in SURFACE else None
 

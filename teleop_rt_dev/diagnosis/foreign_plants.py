@@ -21,7 +21,7 @@ from teleop_rt_dev.diagnosis.foreign_rigs import MARGIN_S, Rig, as_lever, rig
 
 @dataclass
 class Foreign:
-    """A recording, and what only its maker knows: truth, noise, the force without it."""
+    """A recording, and its maker's knowledge: truth, noise, the force without it."""
 
     t: Array
     position: Array
@@ -103,7 +103,7 @@ def foreign(
 
 
 def _drawn(rng: np.random.Generator) -> dict[str, Any]:
-    """Return what a recording is made of, where it is not given."""
+    """Return the parts of a recording's recipe that are not given."""
     return {
         "size": float(np.exp(rng.uniform(np.log(0.03), np.log(0.3)))),
         "noise": float(np.exp(rng.uniform(np.log(0.001), np.log(0.05)))),
@@ -129,7 +129,7 @@ def _noise_row(
 
 
 def recorded(row: Array, every: int) -> Array:
-    """Return what is recorded of 10 kHz: not the half seconds before and after."""
+    """Return the recorded samples of 10 kHz: not the half seconds before and after."""
     margin = round(MARGIN_S * RATE_HZ)
     return row[margin:-margin:every]
 

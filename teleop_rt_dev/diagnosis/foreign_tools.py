@@ -194,7 +194,7 @@ CHANNEL: dict[str, Callable[[Channel, int], Operation]] = {
 
 
 def channel_effect(r: Rig, name: str) -> Operation | None:
-    """Return what the effect does to the force on its way to the reader; None for another's."""
+    """Return the force after the effect, on its way to the reader; None for another's."""
     form, sign = int(r.rng.integers(3)), r.rng.choice([-1.0, 1.0])
     if name not in CHANNEL:
         return None

@@ -84,7 +84,7 @@ def fitted(motion: Sampled, base: str) -> Rival:
 
 
 def described(motion: Sampled, base: str) -> Described:
-    """Return what a regression may choose from; a body in contact begins where all fits best."""
+    """Return the terms that a regression may choose; a contact begins where all fits best."""
     names = BASES.get(base) or tuple(base.split(","))
     if base in IN_CONTACT:
         return _in_contact(motion, names)
@@ -131,7 +131,7 @@ def _base_terms(motion: Sampled) -> dict[str, Vector]:
 
 
 def _usual_terms(motion: Sampled) -> dict[str, Vector]:
-    """Return what an engineer tries: friction, hysteresis, relaxation, powers, drift."""
+    """Return the terms an engineer tries: friction, hysteresis, relaxation, powers, drift."""
     x, v, dt = motion.x - np.mean(motion.x), motion.v, motion.dt
     travel, speed = float(np.ptp(x)), float(np.std(v))
     found = {

@@ -27,7 +27,7 @@ def sindy(theta: Any, force: Any, optimizer: Any) -> Any:
 
 
 def _price(theta: Any) -> float:
-    """Return what a term costs: pysindy multiplies it by the condition number.
+    """Return the price of a term: pysindy multiplies it by the condition number.
 
     Then it is the mean square of the records' noise, over that of the force.
     """
@@ -131,7 +131,7 @@ def main() -> None:
 
 
 def scored(regress: Any, theta: Any, force: Any, hidden: Any) -> dict[str, Any]:
-    """Return coefficients over the force's deviation, and what they leave of hidden samples."""
+    """Return coefficients over the force's deviation, and the residual on hidden samples."""
     seen = ~hidden
     scale = np.sqrt(np.mean(theta[seen] ** 2, axis=0))
     scale[scale == 0.0] = 1.0

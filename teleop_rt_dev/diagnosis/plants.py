@@ -29,7 +29,7 @@ MATERIALS = {
 
 @dataclass
 class Record:
-    """A recording at 1 kHz and what only the generator knows."""
+    """A recording at 1 kHz and the generator's own truth."""
 
     t: Array
     position: Array
@@ -110,7 +110,7 @@ class SyntheticPlant:
         raise ValueError(effect)
 
     def true_force(self) -> Array:
-        """Return what the force channel would give without noise, at 10 kHz."""
+        """Return the reading of the force channel without noise, at 10 kHz."""
         moved = np.gradient(self.tip, H)
         force = _material(self.material, self.tip, moved) + self.extra
         for kind, value in self.channel:

@@ -50,7 +50,7 @@ def instead(path: str, replacing: Callable[[Function], Function]) -> Iterator[No
 
 
 def forget() -> None:
-    """Clear what functions of diagnosis remember: it was made with another gate."""
+    """Clear the caches of diagnosis: they were made with another gate."""
     for module in modules():
         for value in vars(module).values():
             if hasattr(value, "cache_clear"):
@@ -58,7 +58,7 @@ def forget() -> None:
 
 
 def differs(result: Any, plain: Any) -> bool:
-    """Return whether a gate did other than what stands in its place would have done."""
+    """Return whether a gate did other than its replacement would have done."""
     if isinstance(result, list):
         return len(result) != len(plain)
     if isinstance(result, (bool, float, np.ndarray)):
@@ -67,7 +67,7 @@ def differs(result: Any, plain: Any) -> bool:
 
 
 def watched(without: Function, acted: list[bool]) -> Callable[[Function], Function]:
-    """Return what makes a gate note whether it did anything."""
+    """Return a wrapper by which a gate notes whether it did anything."""
 
     def watching(function: Function) -> Function:
         @wraps(function)
@@ -83,7 +83,7 @@ def watched(without: Function, acted: list[bool]) -> Callable[[Function], Functi
 
 
 def kept(calls: list[Call]) -> Callable[[Function], Function]:
-    """Return what makes a judgement note what it was judged from."""
+    """Return a wrapper by which a judgement notes its arguments."""
 
     def keeping(function: Function) -> Function:
         @wraps(function)

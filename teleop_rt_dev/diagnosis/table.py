@@ -71,7 +71,7 @@ def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
 
 
 def _judge(r: Row) -> None:
-    """Add to a row whether its answer is right, and in what it is wrong."""
+    """Add to a row whether its answer is right, and its errors."""
     truth, named = r["effects"], set(r["named"])
     r["false_alarm"] = r["verdict"] != "no_missing_effect"
     r["honest"] = (r["verdict"] in {"unexplained", "partial"} and not named) or r["own_family"]

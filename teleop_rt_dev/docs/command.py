@@ -1,4 +1,4 @@
-"""Build the documentation into build/site, or make what it shows again.
+"""Build the documentation into build/site, or make its pictures and figures again.
 
 Without a name it builds, and options go to mkdocs. `pictures [FOLDER] [--still]`: by the commands
 of the tutorial, still without the live page; `gallery [RUNS]`: every page at two widths, light and
@@ -19,7 +19,7 @@ MADE = ("pictures", "gallery", "notebook")
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Make what the first argument names, or build all pages with the options of mkdocs."""
+    """Make the part that the first argument names, or build all pages with options of mkdocs."""
     if arguments and arguments[0] in {"-h", "--help"}:
         print(f"usage: teleop-rt-dev docs [{' | '.join(MADE)} | OPTIONS]\n\n{__doc__}")
         return 0

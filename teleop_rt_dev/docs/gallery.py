@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
 
 @contextmanager
 def runs_of(given: Sequence[str]) -> Iterator[Path]:
-    """Give a folder of runs: the one that is named, or what the tutorial and a study leave."""
+    """Give a folder of runs: the one that is named, or that of the tutorial and a study."""
     if given:
         runs = Path(given[0]).resolve()
         if not any(runs.rglob("*.html")):

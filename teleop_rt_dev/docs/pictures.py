@@ -28,7 +28,7 @@ PATIENCE_S = 120  # for a page that plays 12 s, on a busy machine too
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the tutorial, look, and keep what is seen."""
+    """Run the tutorial, look, and keep the pictures."""
     parser = argparse.ArgumentParser(prog="teleop-rt-dev docs pictures", description=__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=PICTURES)
     parser.add_argument("--still", action="store_true", help="no live page, which plays for 12 s")
@@ -66,7 +66,7 @@ def run_command(words: list[str], place: Path) -> None:
     """Run a command of the tutorial in a folder, or end with its exit code."""
     print("$", *words, flush=True)
     program, *arguments = words
-    if program == "scripts/run":  # its environment stands already: what is left is the trial
+    if program == "scripts/run":  # its environment stands already: the trial remains
         arguments = ["run", "config/trials/silicone_cube.yaml", *arguments]
     command = [sys.executable, "-m", "teleop_rt", *arguments]
     done = subprocess.run(command, check=False, cwd=place)
@@ -117,7 +117,7 @@ def look(browser: webdriver.Chrome, page: Path) -> None:
 
 
 def live(browser: webdriver.Chrome, run: Path, picture: Path) -> None:
-    """Keep what the live page shows of a run that is played back, once its window is full."""
+    """Keep the live page of a run that is played back, once its window is full."""
     command = [sys.executable, "-m", "teleop_rt", "live", str(run), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:

@@ -162,7 +162,7 @@ def faults_page() -> str:
         "# Fault codes\n\nGenerated from `teleop_rt/slave/faults.py`. The first fault is kept until"
         " a reset, and a reset never restarts motion. This is not a certified safety"
         " function. Wire the emergency stop to the drive's STO.\n\n"
-        + table(("code", "name", "cause", "what next"), rows)
+        + table(("code", "name", "cause", "next step"), rows)
     )
 
 

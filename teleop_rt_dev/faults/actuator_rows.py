@@ -31,7 +31,7 @@ def harmed(fault: str) -> Callable[[FaultWorld], Any]:
 
 
 def named_in_words(world: FaultWorld) -> str:
-    """The device and what it said are with the fault."""
+    """The device and its report are with the fault."""
     return "" if world.slave.stopped.said else "nobody says which device it was"
 
 
@@ -114,7 +114,7 @@ def rows_on_a_line(kind: str) -> tuple[Row, ...]:
 
 LETS_GO = Row("vesc lets go and does not say so", harmed("refuse_enable"), stopped, 400,
               phases=("approach", "contact"), rig="vesc", overrides=ON_HARDWARE)  # fmt: skip
-"""It reports neither power nor faults: the lagging axis is what is detected."""
+"""It reports neither power nor faults: the lag of the axis is detected."""
 PROFILE_RIGS = ("canopen", "serial", "raw_can", "mixed")
 ON_PROFILES = tuple(
     row

@@ -85,7 +85,7 @@ def power_returns(world: FaultWorld) -> str:
 
 
 def nothing_waited(world: FaultWorld) -> str:
-    """Devices acknowledge again: what had waited for them was purged, and nothing moves."""
+    """Devices acknowledge again: frames that had waited for them were purged, and nothing moves."""
     devices = world.axis._axis._bus._other
     arrived: list[Outgoing] = []
     deliver = devices.deliver
@@ -150,7 +150,7 @@ def goes_back_to_the_surface(world: FaultWorld) -> str:
 
     world.until(step, 20)  # it has braked
     held = world.slave.limiter.position
-    world.until(step, 365)  # to 500 ms of silence, less what the link may have been behind
+    world.until(step, 365)  # to 500 ms of silence, less the link's possible delay
     if abs(world.slave.limiter.position - held) > 1e-6:
         return "it did not hold"
     depth = held - surface if math.isfinite(surface) else 0.0
@@ -219,7 +219,7 @@ def stopped_while_jammed(world: FaultWorld) -> bool:
 
 
 def stopped_for_force(world: FaultWorld) -> bool:
-    """Note the force at the stop: what comes before is the shove's."""
+    """Note the force at the stop: an earlier force is the shove's."""
     if not stopped(world):
         return False
     plant = world.rig.plant
@@ -230,7 +230,7 @@ def stopped_for_force(world: FaultWorld) -> bool:
 
 
 def lets_go_of_the_force(world: FaultWorld) -> str:
-    """A stop for the force adds none but what the tool's own motion does, and then lets go."""
+    """A stop for the force adds none but that of the tool's own motion, and then lets go."""
     world.until(lambda: not world.rig.drive.powered, BRAKED_MS)
     if world.rig.drive.powered:
         return f"still under power {BRAKED_MS} ms after the stop"

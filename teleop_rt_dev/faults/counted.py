@@ -56,7 +56,7 @@ def mutated_configs(count: int, seed: int) -> dict[str, Any]:
             except ConfigError as error:
                 if not all(problem.message for problem in error.problems):
                     unclear.append(str(error))
-            except Exception as error:  # noqa: BLE001 - this is what must not happen
+            except Exception as error:  # noqa: BLE001 - this must not happen
                 unclear.append(f"{type(error).__name__}: {error}")
             finally:
                 victim.write_text(shipped, encoding="utf-8")
@@ -74,7 +74,7 @@ def mutated(text: str, chosen: random.Random) -> str:
 
 
 def cut_everywhere() -> dict[str, Any]:
-    """Cut a recording at every byte: what `recover` saves never shrinks, and is never wrong."""
+    """Cut a recording at every byte: the rows that `recover` saves never shrink, nor are wrong."""
     with tempfile.TemporaryDirectory() as name:
         whole, cut, saved = (Path(name) / f"{one}.mcap" for one in ("whole", "cut", "saved"))
         writer = RecordingWriter(whole, UNITS)
@@ -95,7 +95,7 @@ def cut_everywhere() -> dict[str, Any]:
 
 
 def soaked(minutes: float, seed: int) -> dict[str, Any]:
-    """Harm a daemon at random; memory and descriptors stay what they are."""
+    """Harm a daemon at random; memory and descriptors stay the same."""
     found = soak(minutes, seed)
     state = f"{found['grown_KiB']} KiB, {found['new_descriptors']} descriptors more"
     problem = "" if found["holds"] else f"{state}; {found['problems']}"

@@ -37,7 +37,7 @@ def reset_drive(handle: HandleBench) -> None:
 
 
 def weak_motor(handle: HandleBench) -> None:
-    """The motor gives nothing of what is asked, and its drive says so."""
+    """The motor gives no force, and its drive reports so."""
     handle.plant.push = lambda _: None
     handle.plant._pending.clear()
     handle.plant._command = 0.0
@@ -130,7 +130,7 @@ HANDLE_ROWS = tuple(
 
 @dataclass(frozen=True)
 class HandleOutcome:
-    """The outcome of a row: the time until the force was gone, the fault, and what was wrong."""
+    """The outcome of a row: the time until the force was gone, the fault, and the failed checks."""
 
     took_ms: int
     named: str

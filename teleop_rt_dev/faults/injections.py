@@ -1,4 +1,4 @@
-"""How the faults of the table are brought about: what is done to a world, at once."""
+"""The injections of the fault table: changes of a world, at once."""
 
 from __future__ import annotations
 

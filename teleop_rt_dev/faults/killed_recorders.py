@@ -1,4 +1,4 @@
-"""A recorder that is killed again and again during one run: what each kill costs the recording."""
+"""A recorder that is killed again and again during one run: each kill's cost for the recording."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ METADATA = {
     ONLINE: {"position_unit": "m", "force_unit": "N"},
     SIZES: {"part_bytes": "1000000000", "part_s": "1e9", "kept_bytes": "1", "kept_parts": "0"},
 }
-PATIENCE_S = 60  # for what takes a second at most, on a busy machine too
+PATIENCE_S = 60  # for work of a second at most, on a busy machine too
 
 
 class Pushing:
@@ -116,7 +116,7 @@ def keep_recorder(session: Path) -> subprocess.Popen[bytes]:
 
 
 def helper_of(keeper: int) -> int:
-    """Return the process id of what a keeper keeps."""
+    """Return the process id of a keeper's helper."""
     (helper,) = Path(f"/proc/{keeper}/task/{keeper}/children").read_text().split()
     return int(helper)
 

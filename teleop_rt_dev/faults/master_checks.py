@@ -1,4 +1,4 @@
-"""The checks of a fault row at the master: what is felt, refused, applied and rendered."""
+"""The checks of a fault row at the master: forces felt, models refused, applied, rendered."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def master_is(name: str) -> Check:
 
 
 def slew(world: FaultWorld) -> str:
-    """Say where new walls stepped the force; what the hand's own motion does is no step."""
+    """Report where new walls stepped the force; a change by the hand's own motion is no step."""
     step, most = world.master.adoption.largest_step, world.trial.master.force_step
     return f"a force step of {step:.2f} N" if step > most * (1 + 1e-9) else ""
 
@@ -47,7 +47,7 @@ def renders_sanely(world: FaultWorld) -> str:
 
 
 def applied_in_order(world: FaultWorld) -> str:
-    """Watch what is applied over a second: never older than before, and felt without a step."""
+    """Watch the applied models over a second: never older than before, and felt without a step."""
     problem = []
     first: dict[tuple[str, str], tuple[int, int]] = {}
     newest: dict[tuple[str, str], tuple[int, int]] = {}

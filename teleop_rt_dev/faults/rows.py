@@ -1,4 +1,4 @@
-"""The rows of the fault table: how each is injected, what must happen, and within how long."""
+"""The rows of the fault table: each one's injection, the required reaction, and its time."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ MOVING: tuple[Phase, ...] = ("approach", "contact", "release")
 
 @dataclass(frozen=True)
 class Row:
-    """One fault: `detected` must hold within `bound_ms`; `then` says what is wrong after it."""
+    """One fault: `detected` must hold within `bound_ms`; `then` returns failed checks after it."""
 
     name: str
     inject: Callable[[FaultWorld], Any]
@@ -91,7 +91,7 @@ class Row:
 
 ON_HARDWARE = ("rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}",)
 PRESSES_ON = ("operator.mean_m=0.02", "operator.amplitude_m=0.012")
-"""On to 115 N: a stuck sensor does harm to whoever leads on by what is felt."""
+"""On to 115 N: a stuck sensor does harm to a person who leads on by the felt force."""
 BAD_NETWORK = (
     "link.round_trip_ms=400", "link.jitter_ms=100", "link.loss=0.3", "link.duplicate=0.05",
     "link.reorder=0.05",
@@ -176,7 +176,7 @@ class Outcome:
 
 
 def play(row: Row, phase: Phase, seed: int, session: Path) -> Outcome:
-    """Lead a world to the phase, inject, and see what comes of it; ticks are milliseconds."""
+    """Lead a world to the phase, inject, and judge the reaction; ticks are milliseconds."""
     world = FaultWorld(session, row.rig, seed, *row.overrides)
     try:
         if row.before_arming:

@@ -75,7 +75,7 @@ class Soak:
 
 
 def soak(minutes: float, seed: int) -> dict[str, Any]:
-    """Return what a soak of so many minutes came to."""
+    """Return the result of a soak of so many minutes."""
     end = time.monotonic() + 60 * minutes
     settled = time.monotonic() + 15 * minutes
     with tempfile.TemporaryDirectory() as session:

@@ -12,7 +12,7 @@ HEAD = "| fault | tries | bound | " + " | ".join(PHASES) + " | ends in |"
 
 
 def result(fault: str, tries: int, problem: str, state: str, **more: Any) -> dict[str, Any]:
-    """Return a row of the campaign; `more` replaces what is not known of every row."""
+    """Return a row of the campaign; `more` replaces values that not every row has."""
     return {
         "fault": fault, "phase": "-", "clock": "simulated", "seeds": tries, "played": tries,
         "detected_ms": None, "bound_ms": None, "state": state, "named": "-",

@@ -22,7 +22,7 @@ PERIOD_NS = 1_000_000  # of the shipped rigs: 1 kHz
 Phase = Literal["arming", "approach", "contact", "release"]
 PHASES: tuple[Phase, ...] = ("arming", "approach", "contact", "release")
 LONGEST_WAY_MS = 8000
-"""Simulated time after which what a test waits for does not come any more."""
+"""Simulated time after which an awaited event does not come any more."""
 WATCHDOG_MS = 3000
 """As WatchdogSec of the unit in config/systemd."""
 """WatchdogSec of the systemd unit."""
@@ -77,7 +77,7 @@ class FaultWorld:
         self.peak_force = 0.0
         self.states: list[State] = []
         self.kept = SimpleNamespace()
-        """Whatever a row notes when it harms, for what it checks afterwards."""
+        """Notes of a row when it harms, for its checks afterwards."""
 
     def _open(self, trial: Any, now_ns: Any) -> Bench:
         axis, self.rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)

@@ -1,4 +1,4 @@
-"""The same hand against ideal continuous walls: what of a motion is the hand's own.
+"""The same hand against ideal continuous walls: the hand's own part of a motion.
 
 One wall is the environment's true law, in front of the device itself: no sampling, no latency, no
 model. Where a device renders a wall softer, a tremor moves the hand further, whoever renders it; so

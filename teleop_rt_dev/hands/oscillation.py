@@ -75,7 +75,7 @@ def longest_oscillation(
 
 
 def work(position: Array, force: Array, given_J: Array, begin: int, end: int) -> float:
-    """Return what a hand worked between two turns, beyond what the wall's spring holds more."""
+    """Return a hand's work between two turns, less the energy that the wall's spring gained."""
     span = slice(begin, end + 1)
     stiffness = float(np.ptp(force[span]) / max(np.ptp(position[span]), SWING))
     if stiffness <= 0.0:

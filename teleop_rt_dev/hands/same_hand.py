@@ -87,7 +87,7 @@ class Rendered:
     def _calm(self, wall: Wall) -> Wall:
         """Return a wall without calming: the same object again while it is the same wall.
 
-        A linear wall is only given what its own damping lacks of that which the latency takes. So
+        A linear wall is only given the damping that its own lacks of the latency's. So
         where it is given some, latency takes its own, too, and no hand feels any of it.
         """
         if wall.calming == 0.0:

@@ -42,7 +42,7 @@ SAME_PITCH = 1.5
 SHORTEST = 100
 """Samples: a shorter motion holds no five swings at most of the frequencies looked at."""
 CHANCES = 6
-"""Tremors drawn for the hand at an ideal wall: one of them must explain what was seen."""
+"""Tremors drawn for the hand at an ideal wall: one of them must explain the motion seen."""
 SUBSTEPS = 40
 """Steps of the ideal motion in each period."""
 INTENTION = (

@@ -18,7 +18,7 @@ PERFECT = Impairment()
 
 
 class Tap:
-    """A memory transport that keeps what was sent, and takes packets of an attacker."""
+    """A memory transport that keeps sent packets, and takes those of an attacker."""
 
     def __init__(self, inner: MemoryTransport) -> None:
         self.inner = inner

@@ -1,8 +1,8 @@
 """A stranger who heard a session, and asks for sessions of its own from ports of its own.
 
 It knows datagrams alone and imports nothing of the link: it replays, cuts and forges handshakes,
-writes counters at the ends of their range, and sends empty and oversize datagrams. It counts what
-it sends and what it gets, for a slave that answers with more than it was sent is a weapon.
+writes counters at the ends of their range, and sends empty and oversize datagrams. It counts
+the bytes of both ways, for a slave that answers with more than it was sent is a weapon.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Stranger:
         self.answers: list[bytes] = []
 
     def attack(self, heard: Sequence[bytes], count: int) -> None:
-        """Send so many packets, made of what was heard and of what was answered."""
+        """Send so many packets, made of packets heard and of answers."""
         forgeries = (
             self._again, self._first, self._cookie, self._flipped, self._cut, self._counter,
             self._odd, self._answered,

@@ -1,6 +1,6 @@
-"""An attacker in the middle of the link: knows datagrams and nothing of what is in them.
+"""An attacker in the middle of the link: knows datagrams and nothing of their contents.
 
-It is written from docs/security.md and from what passes on loopback alone, and imports nothing of
+It is written from docs/security.md and from packets on loopback alone, and imports nothing of
 the link.
 """
 
@@ -17,7 +17,7 @@ LONGEST = 2048  # of a packet that is read: beyond any Ethernet frame
 
 @dataclass(slots=True)
 class Way:
-    """One direction: what was seen, what was withheld, how much genuine traffic was let through."""
+    """One direction: packets seen, packets withheld, the count of genuine ones let through."""
 
     seen: list[bytes] = field(default_factory=list)
     withheld: list[bytes] = field(default_factory=list)
@@ -26,7 +26,7 @@ class Way:
 
 
 class WireAttacker:
-    """Stands between master and slave; `front` is what the master takes for the slave."""
+    """Stands between master and slave; `front` is the end that the master takes for the slave."""
 
     def __init__(self, slave_port: int, seed: int, front_port: int = 0) -> None:
         self.rng = random.Random(seed)
@@ -42,7 +42,7 @@ class WireAttacker:
         return int(self.front.getsockname()[1])
 
     def pump(self) -> None:
-        """Take in what has come, and let through what is not withheld."""
+        """Take in all packets, and let through those that are not withheld."""
         for source, way in ((self.front, self.to_slave), (self._back, self.to_master)):
             while (packet := self._receive(source)) is not None:
                 way.seen.append(packet)

@@ -81,7 +81,7 @@ def _summary(function: Function) -> str:
 
 
 def _phases(step: Step) -> list[str]:
-    """Return what a method calls of its own object, each once, in order."""
+    """Return the methods of its own object that a method calls, each once, in order."""
     calls = [one.func for one in ast.walk(_function(step)) if isinstance(one, ast.Call)]
     own = [
         one

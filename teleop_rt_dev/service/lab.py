@@ -96,7 +96,7 @@ class Lab:
         return self.start("slave")
 
     def heard_while(self, command: str) -> list[bytes]:
-        """Give a command; return what the manager hears, but for feeding, up to the next READY."""
+        """Give a command; return the manager's messages, but for feeding, up to the next READY."""
         self.heard()
         with ThreadPoolExecutor(1) as asking:
             asked = asking.submit(self.call, command)

@@ -1,4 +1,4 @@
-"""The table of the closing campaign: what was hidden, what was found, and the errors with it."""
+"""The table of the closing campaign: the hidden effect, the answer, and the errors with it."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ def _as_pushed(motion: SwingRecord) -> Floats:
 
 
 def _left(columns: Floats, push: Floats) -> tuple[Floats, float]:
-    """Return mass, damping and friction, and the mean square of what they leave."""
+    """Return mass, damping and friction, and the mean square of the residual."""
     found = np.asarray(np.linalg.lstsq(columns, push)[0], dtype=np.float64)
     return found, float(np.mean((push - columns @ found) ** 2))
 
@@ -160,7 +160,7 @@ def _judged(
     curvature = before - 2.0 * at + after
     step_s = latencies[1] - latencies[0]
     latency_s = latencies[best] + 0.5 * step_s * (before - after) / curvature
-    # The square of what is left doubles its excess where the latency is off by its deviation.
+    # The squared residual doubles its excess where the latency is off by its deviation.
     latency_deviation_s = step_s * float(np.sqrt(2.0 * least / independent / curvature))
     mass, damping, friction = found.tolist()
     share = float(np.sqrt(least / np.mean(push**2)))
@@ -196,7 +196,7 @@ def device_keys(rig: RigConfig, transport: TransportTimes, fit: DeviceFit) -> di
     """Return the keys of the rig's file by a fit. Raises CalibrationError.
 
     The damping is the least that the motion allows, for the passivity bound counts on it; of the
-    latency what bus and frames make is the driver's to count.
+    latency the part of bus and frames is the driver's to count.
     """
     body, units = rig.device, rig.units
     if body is None:

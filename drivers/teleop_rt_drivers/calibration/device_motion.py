@@ -108,7 +108,7 @@ def _power(
     end_ns = now_ns() + round(1e9 * POWER_S)
     while not sample.enabled:
         if now_ns() >= end_ns:
-            raise CalibrationError("the drive gets no power: see what `teleop-rt doctor` says")
+            raise CalibrationError("the drive gets no power: run `teleop-rt doctor`")
         wait_cycle()
         device.read_into(sample)
         _refuse_fault(sample)

@@ -32,7 +32,7 @@ def drivetrain_keys(rig: RigConfig, found: Diagnosis, recorded: RigConfig) -> di
     """Return the drivetrain's keys and the friction's deviation. Raises CalibrationError.
 
     `recorded` is the rig as its file was during the run: the recorded force was freed of its
-    drivetrain, so what is found is added to that, whatever the rig's file contains now.
+    drivetrain, so the findings are added to that, whatever the rig's file contains now.
     """
     section, _ = drivetrain_of(rig)
     _, before = drivetrain_of(recorded)
@@ -63,7 +63,7 @@ def drivetrain_keys(rig: RigConfig, found: Diagnosis, recorded: RigConfig) -> di
 
 
 def torque_lag_keys(rig: RigConfig, found: TorqueLag) -> dict[KeyPath, float]:
-    """Return the keys of the torque's lag, and of the force's, which is what the force waits."""
+    """Return the keys of the torque's lag, and of the force's, by which the force waits."""
     section, before = drivetrain_of(rig)
     after = before.model_copy(update={"torque_lag_ms": found.torque_lag_ms})
     return {

@@ -1,6 +1,6 @@
 """The force's lag behind position, from a recording of a body whose damping is known.
 
-A force that is late by t reads k x - (k t) x': so what the estimators find as damping beside the
+A force that is late by t reads k x - (k t) x': so the damping that the estimators find beside the
 body's own is -k t. A steel spring has next to none.
 """
 
@@ -66,7 +66,7 @@ def _spring(recording: Path) -> tuple[dict[str, float], dict[str, float], float]
     if deviations is None or not found.get("k", math.nan) > 0.0:
         raise CalibrationError(
             f"{recording}: no stiffness was found: press on a spring several times, 10 s or more, "
-            "with contact.onset_force above what the force does in free air"
+            "with contact.onset_force above the force in free air"
         )
     return found, dict(zip(names, deviations.tolist(), strict=True)), taken_out_s
 

@@ -85,7 +85,7 @@ def with_weights(
 def free_device(
     file: Path, rig: RigConfig, trial: Path | None, ask: Ask, words: str
 ) -> tuple[Device, MeasuringClock, Callable[[], object]]:
-    """Return an operator's device, its clock and what is done before it swings.
+    """Return an operator's device, its clock and the action before it swings.
 
     Of a trial the one that it simulates, which nobody holds. Raises CalibrationError.
     """

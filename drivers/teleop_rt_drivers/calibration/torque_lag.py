@@ -37,7 +37,7 @@ SMOOTHED_NS = 16_000_000
 """To either side, of force and position alike: a drive runs to a command in steps of a cycle, in
 which its torque is no longer even, and the mean over a cycle does not belong to its middle."""
 STEPS_SHARE = 0.1
-"""Of a period: what these steps leave of error in the lag all the same."""
+"""Of a period: the error that these steps leave in the lag."""
 LEAST_S = 1.0
 """Of pressing."""
 
@@ -142,7 +142,7 @@ def _pressing(slave: dict[str, Vector], rig: RigConfig) -> _Pressing:
 def _fit(
     pressing: _Pressing, motor: Vector, lag_ms: float, known_damping: float
 ) -> tuple[float, Vector]:
-    """Return what a motion `lag_ms` before leaves of the motor's force [force^2], and what it is.
+    """Return the residual of the motor's force by a motion `lag_ms` before [force^2], and its fit.
 
     That is stiffness, mass, dry friction and offset.
     """

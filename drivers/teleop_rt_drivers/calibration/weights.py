@@ -51,7 +51,7 @@ class Weighing:
 
 @dataclass(frozen=True, slots=True)
 class ForceFit:
-    """True force = offset + factor * what the sensor reads with its present scale and offset.
+    """True force = offset + factor * the sensor's reading with its present scale and offset.
 
     noise, drift per second and the largest error of a reading are in true units [rig unit].
     """
@@ -70,7 +70,7 @@ class ForceFit:
 
 
 UNSEEN_SHARE = 0.5
-"""Of a reading's noise: what all weights together change by less than that may be noise."""
+"""Of a reading's noise: a smaller change by all weights together may be noise."""
 
 
 def fit_weights(readings: list[Weighing]) -> ForceFit:

@@ -182,7 +182,7 @@ def finish(
     write: bool,
     as_json: bool,
 ) -> None:
-    """Print what was found, and the keys as they are written where that is asked for.
+    """Print the findings, and the keys as they are written where that is asked for.
 
     `shown` are the lines of the results.
     """

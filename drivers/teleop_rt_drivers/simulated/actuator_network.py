@@ -1,4 +1,4 @@
-"""Simulated drives that speak protocols of their makers: what is alike on every wire, and CAN's."""
+"""Simulated drives with protocols of their makers: the part of every wire, and CAN's."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Actuator(Protocol):
 
     refuses: bool
     position_at: int
-    """Place of the position in what it sends."""
+    """Place of the position in its report."""
     other_id: int
-    """Bit of what it sends under that makes it another drive's."""
+    """Bit of its id that makes it another drive's."""
 
     @property
     def enabled(self) -> bool:
@@ -48,7 +48,7 @@ class Actuator(Protocol):
         """Be as after power-on."""
 
     def run(self, now_ns: int) -> bool:
-        """Do what is due; return whether a measurement was sent."""
+        """Do the due work; return whether a measurement was sent."""
 
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""
@@ -74,7 +74,7 @@ SIMULATED: dict[str, Callable[[ActuatorPart, Plant, Send, int], CanDrive]] = {
 
 
 class ActuatorNetwork:
-    """One drive, alone on its wire; a subclass says what the wire is."""
+    """One drive, alone on its wire; a subclass names the wire."""
 
     def __init__(
         self,
@@ -140,7 +140,7 @@ class ActuatorNetwork:
         return self.drive.due_ns(now_ns)
 
     def _spoilt(self, whom: int, data: bytes) -> tuple[int, bytes]:
-        """Return id and content of a frame, or what the frame's fault makes of them."""
+        """Return id and content of a frame, as its fault changes them."""
         if self._frame_fault == "wrong_id":
             return whom ^ self.drive.other_id, data
         if self._frame_fault == "swapped_bytes":
@@ -157,11 +157,11 @@ class ActuatorNetwork:
         raise NotImplementedError
 
     def _receive(self, now_ns: int) -> None:
-        """Let the drive take what has arrived."""
+        """Let the drive take the arrived frames."""
         raise NotImplementedError
 
     def _transmit(self, packed: bytes) -> None:
-        """Put what the faults left of a frame on the wire."""
+        """Put the rest that the faults left of a frame on the wire."""
         raise NotImplementedError
 
 

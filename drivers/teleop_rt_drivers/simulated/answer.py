@@ -37,7 +37,7 @@ LONGEST_WAIT_NS = 50_000_000
 INT16, INT32 = 2**15 - 1, 2**31 - 1
 PER_THOUSAND = 1000.0
 LATCHED, MORE, HEARD, UNSENT, DRY, STRANGE = 1, 2, 4, 8, 16, 32
-"""Bits of what has happened: SYNC was answered, frames are left, a heartbeat came, the answer was
+"""Bits of events: SYNC was answered, frames are left, a heartbeat came, the answer was
 not taken, random numbers are to be drawn before the next SYNC, and these frames are Python's: none
 of them has been done anything with.
 """
@@ -88,7 +88,7 @@ class CycleFields:
 
 
 class MeasuredFields:
-    """Fields of a measured object in an answer: its frame, its bits there, and what it is.
+    """Fields of a measured object in an answer: its frame, its bits there, and its quantity.
 
     `zero` and `step` are those of its counts; a torque's step is the drive's rated force, and a
     force's the reciprocal of its step.
@@ -147,7 +147,7 @@ def take(
     answer: Answer, plant: PlantArrays, hidden: Hidden | None, door: Doors, lengths: Lengths,
     slots: Slots,
 ) -> int:  # fmt: skip
-    """Receive what waits and answer it up to the first SYNC; return what happened, or UNUSUAL."""
+    """Receive and answer the waiting frames up to the first SYNC; return the events, or UNUSUAL."""
     c: Any = answer.cycle[0]
     d: Any = door[0]
     c.next_frame, c.frames, c.descriptor = 0, 0, d.descriptor  # whoever is there now
@@ -163,7 +163,7 @@ def take(
 
 @kernel
 def go_on(answer: Answer, plant: PlantArrays, hidden: Hidden | None, slots: Slots) -> int:
-    """Do what the next frames say, up to a SYNC; return what happened."""
+    """Carry the next frames out, up to a SYNC; return the events."""
     c: Any = answer.cycle[0]
     here_ns = monotonic_ns(answer.clock, c.clock)
     happened = 0
@@ -190,7 +190,7 @@ def go_on(answer: Answer, plant: PlantArrays, hidden: Hidden | None, slots: Slot
 
 @kernel
 def sync(answer: Answer, plant: PlantArrays) -> int:
-    """Act on the command that waits, and send what is measured now; return UNSENT or 0."""
+    """Act on the waiting command, and send the present measurements; return UNSENT or 0."""
     c: Any = answer.cycle[0]
     c.syncs += 1
     if c.pending:
@@ -214,7 +214,7 @@ def sync(answer: Answer, plant: PlantArrays) -> int:
 
 @kernel
 def measured(kind: int, zero: float, step: float, plant: PlantArrays) -> int:
-    """Return what an object holds now."""
+    """Return the present value of an object."""
     if kind == PLACES:
         return clamped(counted(plant.state[POSITION], zero, step), INT32)
     if kind == SPEEDS:

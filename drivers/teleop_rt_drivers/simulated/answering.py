@@ -1,4 +1,4 @@
-"""When the devices of a CANopen network answer by one kernel, and what is Python's again after."""
+"""When the devices of a CANopen network answer by one kernel, and their state in Python after."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Answering:
             self._bind([])  # compiled now, so that the first SYNC is answered in time
 
     def left(self) -> Sequence[CanFrame] | None:
-        """Answer what waits; return the frames that are left, None where nothing was received."""
+        """Answer the waiting frames; return those that are left, None where none was received."""
         if not self._is_ready():
             return None
         happened = self._take()
@@ -94,7 +94,7 @@ class Answering:
             happened = self._go_on()
 
     def hand_back(self) -> None:
-        """Let the devices know what has happened since they were last asked."""
+        """Pass the events since the last call on to the devices."""
         if not self._stands:
             return
         self._stands = False
@@ -111,7 +111,7 @@ class Answering:
             )
 
     def _is_ready(self) -> bool:
-        """Return whether the kernel may take what waits."""
+        """Return whether the kernel may take the waiting frames."""
         if not self._stands or any(map(_changed, self._nodes)):
             self.hand_back()
             self._stands = self._plan()

@@ -33,7 +33,7 @@ class FaultyFrames:
         self._held = b""
 
     def send(self, frame: bytes) -> None:
-        """Send a frame, or what the fault makes of it."""
+        """Send a frame, as the fault changes it."""
         if not self.fault:
             self._last = frame
             self._transmit(frame)

@@ -140,7 +140,7 @@ class CanopenNetwork:
         frames = self._answering.left()
         if frames is None:
             self._answering.hand_back()
-            frames = self._waiting_frames(AT_ONCE)  # what comes meanwhile, or is more, is for later
+            frames = self._waiting_frames(AT_ONCE)  # later and further frames are for the next call
         for can_id, data, sent_ns in frames:
             now_ns = self._now_ns()  # as frames are stamped where devices are served
             age_ns = now_ns - sent_ns if sent_ns else 0
@@ -173,7 +173,7 @@ class CanopenNetwork:
             self._flush()
 
     def _flush(self) -> None:
-        """Send what waits; a frame that the bus does not take is lost, as on a wire."""
+        """Send the waiting frames; one that the bus does not take is lost, as on a wire."""
         frames, self._outgoing = self._outgoing, []
         try:
             self._send_frames(frames)
@@ -181,7 +181,7 @@ class CanopenNetwork:
             self.lost_frames += len(frames)
 
     def _handle(self, cob_id: int, data: bytes, stamp_ns: int) -> None:
-        """Give a frame to the devices that it is for; what was no frame has a negative id."""
+        """Give a frame to the devices that it is for; other packets have a negative id."""
         if self._wire.off or cob_id < 0 or cob_id & (ERROR | EXTENDED):
             return
         if cob_id & REMOTE:

@@ -85,7 +85,7 @@ class Node(ObjectStore):
         self._saved: dict[tuple[int, int], Raw] = {}
 
     def written(self, index: int) -> None:
-        """Take new heartbeat times over; store or restore what is written (1010h, 1011h)."""
+        """Take new heartbeat times over; store or restore written entries (1010h, 1011h)."""
         if index == STORE and self.value(STORE, 1) == SAVE:
             self._saved = {k: v for k, v in self._stored.items() if k[0] not in (STORE, RESTORE)}
         elif index == RESTORE and self.value(RESTORE, 1) == LOAD:
@@ -115,7 +115,7 @@ class Node(ObjectStore):
             self._take_commands()
 
     def _take_commands(self) -> None:
-        """Store what was received, and act on it."""
+        """Store received entries, and act on them."""
         self.changed = True
         for pdo, data in self.received:
             self._stored.update(zip(pdo.keys, pdo.struct.unpack(data), strict=True))

@@ -1,4 +1,4 @@
-"""The three devices of the rig: what their objects mean in terms of the plant."""
+"""The three devices of the rig: the meaning of their objects in terms of the plant."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class ObjectStore:
         return entry
 
     def _check_mapping(self, index: int, subindex: int, data: bytes) -> None:
-        """Refuse what a device refuses: a mapping changed in use, not mappable, or too long."""
+        """Refuse as a device does: a mapping changed in use, not mappable, or too long."""
         if not any(index in block for block in MAPPINGS):
             return
         enabled = not self.value(index - MAPPING_OFFSET, 1) & INVALID

@@ -30,7 +30,7 @@ VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12
 FORCE_PER_MV = 0.025
 """Force of one millivolt of the load cell's amplifier [rig unit]: 250 N at 10 V."""
 STEP_MV, STEPS = 10_000 / 2048, 2048
-"""A converter of 12 bits over -10 to 10 V; what lies beyond reads as its end."""
+"""A converter of 12 bits over -10 to 10 V; a voltage beyond reads as its end."""
 
 
 def analog_input(force: float) -> int:
@@ -194,7 +194,7 @@ class ServoDrive(Node):
         self.abort_connection(0x8130)
 
     def abort_connection(self, code: int) -> None:
-        """Do what 6007h says: nothing, fault, disable voltage or quick stop."""
+        """React as 6007h says: nothing, fault, disable voltage or quick stop."""
         option = self.value(0x6007)
         if self._power is not Power.ENABLED or option == 0:
             return

@@ -41,7 +41,7 @@ class SimulatedDynamixel(MakersDrive):
         self.restart()
 
     def _eeprom(self) -> None:
-        """Fill in what stays without power, as delivered."""
+        """Fill in the values that stay without power, as delivered."""
         self._table[0:2], self._table[6], self._table[7] = struct.pack("<H", MODEL), FIRMWARE, 1
         self._table[7], self._table[9], self._table[11] = self._id, 0, 3
         self._table[38:40], self._table[44:48] = struct.pack("<H", 1193), struct.pack("<I", 1023)

@@ -47,7 +47,7 @@ def break_drive(fault: str, drive: Any) -> bool:
 
 
 def mend_bus(bus: can.BusABC) -> None:
-    """Acknowledge again what the daemon sends."""
+    """Acknowledge the daemon's frames again."""
     if isinstance(bus, SynchronousBus):
         bus.find_other()
 
@@ -58,7 +58,7 @@ class FaultyWire:
     `mute` swallows all of them, `mute_pdo` its PDOs alone; `freeze` repeats the bytes of the last
     good PDO; `wrong_length` cuts a PDO's last byte; `corrupt` flips bits in it; `duplicate` sends
     it twice; `delay` holds it back until the node's next one. `bus_off` is the whole bus's, and so
-    are, in lock-step, `no_acknowledge` (nobody is there: what the daemon sends queues up) and
+    are, in lock-step, `no_acknowledge` (nobody is there: the daemon's frames queue up) and
     `unplug`.
     """
 
@@ -94,7 +94,7 @@ class FaultyWire:
         self._last[cob_id] = data
 
     def send(self, cob_id: int, data: bytes) -> None:
-        """Send a node's frame, or what the fault makes of it."""
+        """Send a node's frame, as the fault changes it."""
         if self.off:
             return
         fault = self._active.get(cob_id & 0x7F) if self._active else None

@@ -1,4 +1,4 @@
-"""Simulated devices that send frames: how often, and what their bytes are.
+"""Simulated devices that send frames: their rates and their bytes.
 
 The bytes are made here by hand, from the data sheets; nothing is shared with the drivers that
 read them.
@@ -35,7 +35,7 @@ class FrameDevice(Protocol):
         """Start."""
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Take what the daemon sent."""
+        """Take the daemon's frames."""
 
     def run(self, now_ns: int) -> bool:
         """Do due work; return whether a measurement was sent."""
@@ -66,7 +66,7 @@ class Sensor:
         self._due_ns = 0
 
     def power_on(self) -> None:
-        """Say what a device says when it starts."""
+        """Send a device's first frames."""
         if self._banner:
             self.faults.send(self._banner)
 
@@ -125,7 +125,7 @@ class FramedServo:
         self.servo.restart()
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Obey the commands in what arrived, and answer each."""
+        """Obey the commands that arrived, and answer each."""
         for control, target in self._decode(data):
             if not (self.refuses and control == FOLLOW and not self.enabled):
                 self.servo.obey(control, target, now_ns)
@@ -244,7 +244,7 @@ def quadrature(plant: Plant) -> Callable[[int], bytes]:
 
 
 def drive_commands(data: bytes, sync: int = 0xC3) -> list[tuple[int, int]]:
-    """Return control and target of each whole command in what arrived on the serial line."""
+    """Return control and target of each whole command that arrived on the serial line."""
     found = []
     for at in range(len(data) - 8):
         frame = data[at : at + 9]

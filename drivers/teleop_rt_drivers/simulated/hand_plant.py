@@ -46,9 +46,9 @@ HISTORY_NS = 50_000
 
 
 class HandPlant(Plant):
-    """Moves as device and hand do, under what the drive pushes; all of it from one seed.
+    """Moves as device and hand do, under the drive's force; all of it from one seed.
 
-    `transport` is how long samples and forces are on the way beyond what the clock shows.
+    `transport` is the time of samples and forces on their way that the clock does not show.
     `truth_row` is the newest row of `teleop_rt.signals.HANDLE_TRUTH`; `on_truth` is called with it.
     """
 
@@ -124,7 +124,7 @@ class HandPlant(Plant):
         self._pending.append((self.now_ns + self.command_delay_ns, force))
 
     def power_off(self) -> None:
-        """Take the motor's force away, and what was asked for."""
+        """Take the motor's force away, and the commanded one."""
         super().power_off()
         self._pending.clear()
         self._command = 0.0
@@ -197,7 +197,7 @@ class HandPlant(Plant):
             self.on_truth()
 
     def truth(self) -> dict[str, Any]:
-        """Return what only the plant knows of device and hand, in the rig's units."""
+        """Return the truth on device and hand, in the rig's units."""
         return {
             "device": self.body.model_dump(),
             "sample_age_ms": self.sample_age_ns * 1e-6,

@@ -1,6 +1,6 @@
 """Two bodies: an operator's device with its motor, and the hand that holds it through its flesh.
 
-Nothing here is shared with what is rendered or with the bound that it is held to.
+Nothing here is shared with the rendered walls or with the bound that they are held to.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ _MICRO_DAMPING = 2e-4
 
 @kernel
 def surface_at(t: float, m: Vector, c: Vector) -> float:
-    """Return where the surface is at time t [s], set by what pressed on it."""
+    """Return the surface at time t [s], set by the presses on it."""
     swing = c[SWING] * math.sin(2.0 * math.pi * c[SWING_HZ] * t)
     return float(c[SURFACE] + c[SURFACE_VELOCITY] * t + swing + m[SETTLED])
 
@@ -303,7 +303,7 @@ def rig_rates(
 
 @kernel
 def sensed_force(loaded: float, t: float, m: Vector, c: Vector) -> float:
-    """Return what the sensor gives, before noise and delay, for what bears on it."""
+    """Return the sensor's reading, before noise and delay, of the force on it."""
     force = m[READING] if c[SENSOR_HZ] > 0.0 else loaded
     force += c[BIAS] + m[WARMED]
     if c[MAINS] > 0.0:

@@ -1,4 +1,4 @@
-"""The plant's motion with what a trial hides in it: one system of equations, Runge-Kutta steps."""
+"""The plant's motion with a trial's hidden effects: one system of equations, Runge-Kutta steps."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _slope(
     y: Vector, reference: float, rate: float, mode: int, t: float,
     constants: Vector, c: Vector, out: Vector,
 ) -> float:  # fmt: skip
-    """Write the rates of tool and memories; return what bears on the sensor."""
+    """Write the rates of tool and memories; return the force on the sensor."""
     memories, rates = y[MEMORIES:], out[MEMORIES:]
     x, v = y[X], y[V]
     tip, tip_rate = hidden.tip_motion(x, v, t, memories, c)
@@ -70,7 +70,7 @@ def advance_hidden(
 ) -> int:  # fmt: skip
     """Integrate as `motion.advance` does, with the memories (N_MEMORIES,); return the head.
 
-    `elapsed_ns` is the plant's age at the start of the span. The history gets what the sensor
+    `elapsed_ns` is the plant's age at the start of the span. The history gets the force the sensor
     gives. scratch (STAGES, N_ALL).
     """
     steps = (span_ns + motion.STEP_NS - 1) // motion.STEP_NS
@@ -110,7 +110,7 @@ def advance_hidden(
 
 @kernel
 def _settle(y: Vector, t: float, state: Vector, memories: Vector, c: Vector) -> None:
-    """End a step: keep bristles below what they hold, note depth and force."""
+    """End a step: keep bristles below their most, note depth and force."""
     if c[hidden.KINETIC] > 0.0:
         most = max(c[hidden.STATIC], c[hidden.KINETIC]) / c[hidden.BRISTLE]
         place = MEMORIES + hidden.BRISTLES

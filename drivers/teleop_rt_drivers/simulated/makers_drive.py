@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class MakersDrive:
-    """A drive of this id on this plant; `send` takes the id and the bytes of what it sends.
+    """A drive of this id on this plant; `send` takes the id and the bytes of its frames.
 
     `id_key` names the key of its config that holds the id.
     """

@@ -69,7 +69,7 @@ class SimulatedMoteus(MakersDrive):
         self._mode, self._fault = mode, fault
 
     def receive(self, can_id: int, data: bytes, now_ns: int) -> None:
-        """Obey the subframes in their order, and answer what they ask."""
+        """Obey the subframes in their order, and answer their questions."""
         if can_id & 0x7F != self._id:
             return
         answer, at = b"", 0
@@ -169,7 +169,7 @@ class SimulatedMoteus(MakersDrive):
 
 
 def unit_of(register: int, code: str) -> float:
-    """Return what a count of a register is in a format of whole numbers."""
+    """Return the value of a count of a register in a format of whole numbers."""
     return UNITS[register][WHOLE[code]] if register in UNITS else 1.0
 
 

@@ -94,7 +94,7 @@ class SimulatedOdrive(MakersDrive):
                 self._plant.hold()
 
     def run(self, now_ns: int) -> bool:
-        """Watch, and send what is due."""
+        """Watch, and send the due frames."""
         if now_ns - self._fed_ns > WATCHDOG_NS:
             self._fail(WATCHDOG_EXPIRED)
         if now_ns - self._heartbeat_ns >= HEARTBEAT_NS:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 QUEUE_BYTES = 1 << 16
-"""Room of one direction: what does not fit is lost, as behind a full serial buffer."""
+"""Room of one direction: further bytes are lost, as behind a full serial buffer."""
 
 
 class PipeStream:
@@ -37,7 +37,7 @@ class PipeStream:
         self._other = other
 
     def read(self) -> bytes:
-        """Return what has arrived. Raises StreamGoneError after either end was closed."""
+        """Return the arrived bytes. Raises StreamGoneError after either end was closed."""
         if self.on_use is not None:
             self.on_use()
         if self._gone:
@@ -47,7 +47,7 @@ class PipeStream:
         return data
 
     def write(self, data: bytes) -> bool:
-        """Send; what does not fit into the other end's queue is lost."""
+        """Send; bytes that do not fit into the other end's queue are lost."""
         if self._gone or self._other is None:
             raise StreamGoneError("the other end is closed")
         taken = len(self._other._arrived) + len(data) <= QUEUE_BYTES  # noqa: SLF001 - its twin
@@ -61,7 +61,7 @@ class PipeStream:
         """Return at once: nothing can arrive while waiting."""
 
     def flush(self) -> None:
-        """Keep what has arrived: on a clock that stands still it would not come again."""
+        """Keep the arrived bytes: on a clock that stands still they would not come again."""
 
     def close(self) -> None:
         """Close both ends."""

@@ -86,7 +86,7 @@ class Plant:
         self._mean_servo_force = bound(senses.mean_servo_force, (self.moving,), 0)
 
     def _beside(self) -> senses.Hidden | None:
-        """Return the arrays of what the trial hides, if it hides something."""
+        """Return the arrays of the trial's hidden effects, if it has any."""
         if not self._hides:
             return None
         memories = np.zeros(hidden.N_MEMORIES)
@@ -95,7 +95,7 @@ class Plant:
 
     @property
     def answers(self) -> bool:
-        """Return whether a kernel may compute what its devices answer: none knows of outliers."""
+        """Return whether a kernel may compute its devices' answers: none knows of outliers."""
         return self._hidden.item(hidden.SPARKS) == 0.0
 
     @property
@@ -237,7 +237,7 @@ class Plant:
         return bool(self._state[REFERENCE_RATE] == 0.0)
 
     def measured_force(self) -> float:
-        """Return what the force sensor gives now: the force of some time ago, and noise."""
+        """Return the force sensor's present reading: the force of some time ago, and noise."""
         self.draw(1)
         return self._measured_force() + self._spark()
 
@@ -259,7 +259,7 @@ class Plant:
         numbers[senses.NEXT_DRAW], numbers[senses.DRAWN] = 0, count
 
     def averaged_force(self, stamps_ns: Stamps, weights: Vector) -> float:
-        """Return what a converter gives that weighs the sensor's force at these times (n,)."""
+        """Return the readings of a converter of the sensor's force at these times (n,)."""
         sensors = self.config.sensors
         order = (self._numbers.item(senses.HEAD) + 1 + np.arange(HISTORY)) % HISTORY
         lag_ns = round(1e6 * self._sensor.item(senses.LAG_MS))
@@ -271,7 +271,7 @@ class Plant:
         )
 
     def _spark(self) -> float:
-        """Return what an outlier adds, 0 for most samples."""
+        """Return the force of an outlier, 0 for most samples."""
         share = self._hidden.item(hidden.SPARKS)
         if share == 0.0 or self._random.random() >= share:
             return 0.0

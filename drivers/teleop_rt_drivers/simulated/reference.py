@@ -24,7 +24,7 @@ def environment_force(
 ) -> Array:
     """Return the force (n,) of a plant's environment along positions and velocities (n,).
 
-    `truth` is what the plant wrote into truth.json; rig units, axis coordinates. Of hidden effects
+    `truth` is the content of truth.json; rig units, axis coordinates. Of hidden effects
     only the environment's own count, for a tip that is led along the positions from the plant's
     start; gaps are bridged by the last position.
     """
@@ -50,7 +50,7 @@ def environment_force(
 
 
 def _as_in_yaml(plain: Any) -> Any:
-    """Return what came from JSON with its lists as tuples, as a config's are."""
+    """Return a value from JSON with its lists as tuples, as a config's are."""
     if isinstance(plain, dict):
         return {key: _as_in_yaml(value) for key, value in plain.items()}
     if isinstance(plain, list):

@@ -153,7 +153,7 @@ class SimulatedRig:
             network.close()
 
     def truth(self) -> dict[str, Any]:
-        """Return what only the plant knows, for truth.json; the rig's units are with it."""
+        """Return the plant's truth, for truth.json; the rig's units are with it."""
         return {"units": self._units.model_dump(), **self.plant.truth()}
 
     def note_truth(self) -> None:

@@ -90,7 +90,7 @@ def note_impulse(plant: PlantArrays) -> None:
 
 @kernel
 def integrate(plant: PlantArrays, hidden: Hidden | None, span_ns: int) -> None:
-    """Integrate over `span_ns`, with what is hidden where something is."""
+    """Integrate over `span_ns`, with hidden effects where there are any."""
     numbers, constants = plant.numbers, plant.constants
     mode, deceleration = numbers[MODE], constants[DECELERATION]
     if hidden is None:
@@ -127,7 +127,7 @@ def mean_servo_force(plant: PlantArrays, span_ns: int) -> float:
 
 @kernel
 def measured_force(plant: PlantArrays) -> float:
-    """Return what the force sensor gives now: the force of some time ago, and noise.
+    """Return the force sensor's present reading: the force of some time ago, and noise.
 
     It takes one of the pairs that are drawn; of outliers it knows nothing.
     """

@@ -58,7 +58,7 @@ class SlowConverter:
         self._due_ns = 0
 
     def power_on(self) -> None:
-        """Say what the sketch says when it starts; the first conversion was waited for."""
+        """Send the sketch's first lines; the first conversion was waited for."""
         self.faults.send(b"HX711\r\n")
 
     def receive(self, data: bytes, now_ns: int) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import CanFrame, Outgoing
 
     Travelling = can.Message | Outgoing
-    """A frame as it was sent: a tuple takes a fraction of what python-can's message takes."""
+    """A frame as it was sent: a tuple takes a fraction of the time of python-can's message."""
 
 QUEUE = 4096
 """Frames that wait to be read; older ones are lost, as in a controller's full buffer."""
@@ -83,16 +83,16 @@ class SynchronousBus(can.BusABC):
             raise can.CanOperationError("No buffer space available", errno.ENOBUFS)
 
     def flush_tx_buffer(self) -> None:
-        """Drop what waits to be sent."""
+        """Drop the frames that wait to be sent."""
         self._unsent.clear()
 
     def lose_other(self) -> None:
-        """Let nobody acknowledge what the other end sends: its frames wait, and fill its queue."""
+        """Let nobody acknowledge the other end's frames: they wait, and fill its queue."""
         if self._other is not None:
             self._other._acknowledged = False  # noqa: SLF001 - its twin
 
     def find_other(self) -> None:
-        """Acknowledge again: what waited at the other end comes at once."""
+        """Acknowledge again: frames that waited at the other end come at once."""
         other = self._other
         if other is not None:
             other._acknowledged = True  # noqa: SLF001 - its twin
@@ -112,7 +112,7 @@ class SynchronousBus(can.BusABC):
         return plain_message(*frame) if isinstance(frame, tuple) else frame
 
     def waiting_frames(self, most: int) -> list[CanFrame]:
-        """Return what has come, `most` frames at most; never raises, as on other buses."""
+        """Return the frames that have come, `most` at most; never raises, as on other buses."""
         if not self._plugged:
             return [(UNREADABLE, b"", 0)] * most
         frames: list[CanFrame] = []
@@ -126,7 +126,7 @@ class SynchronousBus(can.BusABC):
         return frames
 
     def _asked(self) -> bool:
-        """Let devices send what is due; return whether something came."""
+        """Let devices send due frames; return whether something came."""
         if self.before_recv is not None:
             self.before_recv()
         return bool(self._queue)

@@ -82,7 +82,7 @@ class SimulatedVesc(MakersDrive):
             self._let_go()
 
     def run(self, now_ns: int) -> bool:
-        """Let go after the time-out, and send what is due."""
+        """Let go after the time-out, and send the due frames."""
         if self.enabled and now_ns - self._heard_ns > TIMEOUT_NS:
             self._let_go()
         if now_ns - self._sent_ns < STATUS_NS:

@@ -54,7 +54,7 @@ class FoundEffect(Keys):
     parameters: dict[str, FittedParameter]
     """Amplitude and shape by name."""
     explains: float | None
-    """Share of what the base leaves that the effect explains [0 to 1]; null for outliers."""
+    """Share of the base's residual that the effect explains [0 to 1]; null for outliers."""
     absorbed_by_base: float | None
     """Share of the effect's energy that the base alone takes up [0 to 1]; null where undefined."""
     compensation: Compensation
@@ -250,13 +250,13 @@ class Answer(Keys):
     sets: Annotated[list[list[str]], Field(alias="class")]
     """Sets of names of effects between which the recording does not decide, the best first."""
     family: Family | None
-    """Family of what is missing where the verdict is partial or unexplained; null where unknown."""
+    """Family of the missing effect for the verdicts partial and unexplained; null where unknown."""
     experiment: Experiment | None
     """The motion that decides; null unless the verdict is class and a motion was found."""
     nearest: Nearest | None
     """The nearest candidate; null unless the verdict is unexplained, or without a candidate."""
     dependence: dict[Group, float] | None
-    """Shares of the base's mean square by quantity that what is left depends on [0 to 1]; null
+    """Shares of the base's mean square by quantity that the remainder depends on [0 to 1]; null
     unless the verdict is partial or unexplained, or without a law."""
     draft: Draft | None
     """The drafted law; null unless the verdict is partial or unexplained and --out is given."""

@@ -1,6 +1,6 @@
 """Detectable sizes: the smallest size of each effect that a recording would have shown.
 
-An effect of amplitude A changes the whitened force by A c, of which A c_perp lies beyond what the
+An effect of amplitude A changes the whitened force by A c, of which A c_perp lies beyond the part
 base's own parameters can make. Its gain in chi-square is then (A |c_perp| + z)^2, z being the noise
 along c_perp, and it is detected where that passes the threshold of a certain effect. The stated
 size is the one at which this happens in 95 of 100 recordings, at the shape that shows least: its
@@ -54,7 +54,7 @@ def detectable(
 
     `floor` are whitened force errors of the encoder (draws x values), `step` is its step [rig
     unit], within which the surface is free. `form_error` is the energy that the forms of the named
-    laws may miss [chi-square]: a second effect must gain more, and any effect more than what the
+    laws may miss [chi-square]: a second effect must gain more, and any effect more than the
     noise hides. `size` is None where no size within the effect's bounds would. Effects whose size
     is no amplitude (lags, limits) are left out.
     """
@@ -109,7 +109,7 @@ def _size(
 
 
 def _beside(along: float, energy: float, wanted: float) -> float:
-    """Return the length of which `wanted` is left when a shift has taken what it can.
+    """Return the length of which `wanted` is left when a shift has taken its part.
 
     The shift has this `energy`, and so much `along` the direction of the length.
     """
@@ -126,7 +126,7 @@ def _sizes(
 ) -> Iterator[tuple[float, Vector]]:
     """Yield the detectable size and the shape parameters, over their bounds.
 
-    A force that is nonlinear in the amplitude is taken at the size itself: what moves a contact
+    A force that is nonlinear in the amplitude is taken at the size itself: one that moves a contact
     makes jumps of single samples there, which a smaller amplitude would multiply.
     """
     scales = problem.motion.scales

@@ -137,8 +137,8 @@ def _separation(
 def design(found: Problem, sets: list[Fit], reach: Reach | None = None) -> Experiment | None:
     """Return the motion with the largest of the smallest separations 2 Delta log L.
 
-    Each member in turn plays the truth, and every rival is refitted to what it would measure.
-    Without `reach` the motion keeps to what the recording itself showed. None for fewer than two
+    Each member in turn plays the truth, and every rival is refitted to its force.
+    Without `reach` the motion keeps to the recording's own range. None for fewer than two
     members.
     """
     sets = [fit.elsewhere for fit in sets[:_MOST_RIVALS]]

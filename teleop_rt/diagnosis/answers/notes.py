@@ -49,7 +49,7 @@ _RESTS_ON = {
 
 
 def _of_surface(base: Base, recording: Recording, surface: float | None) -> list[str]:
-    """Return what is assumed of a surface that nobody gave."""
+    """Return the note on the assumed surface, where none was given."""
     if not base.touches or surface is not None or recording.surface is not None:
         return []
     note = ""
@@ -120,7 +120,7 @@ def _of_what_is_left(answer: dict[str, Any]) -> list[str]:
     if answer["verdict"] not in {"partial", "unexplained"}:
         return []
     deviations = (
-        "the deviations of parameters are those of a complete model: what is missing here may"
+        "the deviations of parameters are those of a complete model: the missing part may"
         " move them by more"
     )
     if _explains_most(answer):

@@ -19,8 +19,8 @@ _WHERE = {
 }
 _PAGE = '''"""A law of the force that a recording asks for.
 
-Drafted from {recording}: no declared effect explains what the model leaves there. Give the effect
-a name, say in `sentence` what it is, and change what you know better; see docs/howto/effect.md.
+Drafted from {recording}: no declared effect explains the model's residual there. Give the effect
+a name, describe it in `sentence`, and change what you know better; see docs/howto/effect.md.
 
 The residual of the base depends on: {shares}.
 The law is the sum of {count}: {words}.

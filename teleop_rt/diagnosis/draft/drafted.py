@@ -76,7 +76,7 @@ class Drafted:
         return replace(unseen, where=held_out.counted(unseen.problem, self.found.base))
 
     def entry(self, test: Recording | None, surface: float | None = None) -> dict[str, Any]:
-        """Return the answer's `draft`: file, what it depends on, the law, and errors with it."""
+        """Return the answer's `draft`: file, quantities, the law, and errors with it."""
         error = self.errors_on_blocks() if test is None else self.predicted(test, surface).errors
         return {
             "file": str(self.file),

@@ -25,7 +25,7 @@ from teleop_rt.kernels.jit import kernel
 Group = Literal["position", "velocity", "acceleration", "past", "time", "force"]
 GROUPS: tuple[Group, ...] = ("position", "velocity", "acceleration", "past", "time", "force")
 BEYOND = 1.3  # of the range seen: further out a law stays as it is there, whatever it would do
-# Of a past, what a record of seconds can show: time constants [s], yield travels [of the range].
+# Of a past, as a record of seconds can show it: time constants [s], yield travels [of the range].
 TIMES_S = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 TRAVELS = (0.005, 0.02, 0.06, 0.2)
 
@@ -53,7 +53,7 @@ MEMORIES = {
 
 @dataclass(frozen=True)
 class Term:
-    """One term: what it depends on, its expression, and the value of its memory's parameter."""
+    """One term: the quantity, its expression, and the value of its memory's parameter."""
 
     group: Group
     family: Family
@@ -171,7 +171,7 @@ _POSITION = [
     Term("position", "stiffening", "s * s * s", "the cube of the position"),
 ]
 _IN_CONTACT = [
-    *(Term("position", "stiffening", _hinge("s", at), f"what lies beyond {at:g} of the depth")
+    *(Term("position", "stiffening", _hinge("s", at), f"the depth beyond {at:g} of the largest")
       for at in (0.15, 0.3, 0.45, 0.6, 0.75)),
     *(Term("position", "adhesion", f"exp(-r / {w:g})", "the neighbourhood of the surface")
       for w in (0.02, 0.08)),
@@ -203,7 +203,7 @@ _ACCELERATION = [
     Term("acceleration", "inertia", "s * w", "position times acceleration"),
 ]
 _FORCE = [
-    *(Term("force", "saturation", _hinge("g", at), f"what the force has beyond {at:g} of its peak")
+    *(Term("force", "saturation", _hinge("g", at), f"the force beyond {at:g} of its peak")
       for at in (0.4, 0.6, 0.8)),
     Term("force", "stiffening", "g * abs(g)", "the square of the force"),
 ]  # fmt: skip
@@ -212,7 +212,7 @@ _PAST = [
     Term("past", "relaxation", "s * q", "position times a stretch that relaxes", "q"),
     Term("past", "hysteresis", "z", "the way since the last reversal", "z"),
     Term("past", "hysteresis", "s * z", "position times the way since the last reversal", "z"),
-    Term("past", "delay", "y - g", "what the force lags behind", "y"),
+    Term("past", "delay", "y - g", "the lag of the force", "y"),
 ]
 _DEEPEST = [
     Term("past", "hysteresis", "d", "the deepest penetration", "d"),

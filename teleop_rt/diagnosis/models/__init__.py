@@ -1,1 +1,1 @@
-"""Base models with effects: what they predict in free run, and their fit."""
+"""Base models with effects: their prediction in free run, and their fit."""

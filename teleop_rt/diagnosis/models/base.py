@@ -145,7 +145,7 @@ MODELS: dict[str, tuple[str, ...]] = {
 def base_of(description: str) -> Base:
     """Return the base model of an id, or of terms joined by commas ("none" for no term at all).
 
-    Raises ExpectedError that names what there is.
+    Raises ExpectedError that lists the known names.
     """
     if description == "none":
         return Base("none", ())

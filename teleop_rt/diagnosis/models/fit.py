@@ -129,7 +129,7 @@ class Problem:
         return replace(self, whitener=replace(self.whitener, mask=mask))
 
     def residual(self, fit: Fit) -> Vector:
-        """Return what a fit leaves of the force, on every sample."""
+        """Return the residual of a fit, on every sample."""
         return self.force - fit.force_on(self.motion)
 
     def mean_square(self, fit: Fit, where: NDArray[np.bool_]) -> float:

@@ -55,7 +55,7 @@ def force_of(model: CandidateModel, motion: RecordedMotion, zeta: Vector, theta:
 
 
 def _body_force(course: Course, theta: Vector) -> Vector:
-    """Return the force of the base, behind the compliances, and of what a clamp cuts with it."""
+    """Return the force of the base, behind the compliances, with the effects that a clamp cuts."""
     compliances = _compliances(course)
     if compliances:
         base = Columns(np.zeros_like(course.moved.x), _clamped(course, theta)[0])

@@ -1,1 +1,1 @@
-"""From samples to a motion: derivatives, surface, and what must be left out."""
+"""From samples to a motion: derivatives, surface, and samples to be left out."""

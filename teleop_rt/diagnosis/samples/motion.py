@@ -93,7 +93,7 @@ def differentiate(position: Vector, dt: float, half: int) -> tuple[Vector, Vecto
         return local_polynomial(row, half, SMOOTHING_ORDER, order, dt)
 
     x, v, a = (smooth(position, order) for order in range(3))
-    # Integrals exact to the fourth order; what they drift is a polynomial that the filter keeps.
+    # Integrals exact to the fourth order; their drift is a polynomial that the filter keeps.
     bent = dt**2 / 12.0 * a
     moved = -bent
     moved[..., 1:] += np.cumsum(v[..., 1:] + v[..., :-1], axis=-1) * (0.5 * dt)

@@ -12,7 +12,7 @@ from teleop_rt.recordings.rows import MAD_PER_DEVIATION
 OUTLIERS = "outliers"  # name of the effect
 _OUTLIER_SIGMAS = 8.0  # deviations of the noise; a sample farther from its neighbours is wrong
 _STEP_SAMPLES = 21  # around a sample, of which the usual step is taken
-_STEP_RATIO = 2.0  # times that step; what a tool does changes as fast before and after
+_STEP_RATIO = 2.0  # times that step; a tool's own motion changes as fast before and after
 # Samples and s: a burst of errors. Longer, the force may be one that moves something.
 _LONGEST_BURST, _LONGEST_BURST_S = 4, 0.01
 _APART_SAMPLES = (5, 7)  # more than a burst

@@ -181,7 +181,7 @@ def lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Vector:
     """Return 1 for the outliers of the force, and for those that stand out of a fit's residual.
 
     A quick force hides some, as does another one close by. They are searched only where the force
-    itself shows others: without any, what stands out of a residual is an impact, or an effect.
+    itself shows others: without any, an outlier of a residual is an impact, or an effect.
     """
     motion, dt, force = problem.motion, problem.motion.dt, recording.force
     noise = force_noise(force, recording.force_step)

@@ -209,7 +209,7 @@ def moves_in_steps(position: Vector, force: Vector, dt: float) -> bool:
 
 
 def _noise_is_motion(position: Vector, force: Vector, dt: float) -> bool:
-    """Return whether the force follows what looks like noise of the position.
+    """Return whether the force follows the apparent noise of the position.
 
     At a low rate steps look like noise of the encoder, which has no effect on the force. Where the
     force is large (near a touch it follows nothing), its differences are explained by those of the
