@@ -61,7 +61,7 @@ def pytest_configure():
 
 
 def pytest_collection_finish():
-    """Begin to collect garbage, and leave alone what was imported: it stays to the end."""
+    """Begin to collect garbage, and leave imported modules alone: they stay to the end."""
     gc.freeze()
     gc.enable()
 

@@ -81,7 +81,7 @@ def test_energy_that_a_contact_gave_back_beyond_the_tank_is_found():
     kept = truth_of([0, 1.0, 2.0, 1.95, 1.95], [0, 5.0, 9.0, 4.0, 0])
     assert campaign_hands.judge(trial, kept, OUTCOME)["holds"]
     stored = truth_of([0, 1.0, 2.0, 0.5, 2.5], [0, 5.0, 9.0, 4.0, 0])
-    assert campaign_hands.judge(trial, stored, OUTCOME)["holds"], "what springs hold is no gift"
+    assert campaign_hands.judge(trial, stored, OUTCOME)["holds"], "the energy of springs is no gift"
     given = truth_of([3.0, 4.0, 5.0, 3.5, 2.5], [0, 5.0, 9.0, 4.0, 0])
     judged = campaign_hands.judge(trial, given, OUTCOME)
     assert judged["given_mJ"] == pytest.approx(500.0)

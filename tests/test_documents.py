@@ -223,7 +223,7 @@ def test_the_version_is_the_newest_release_or_a_development_of_the_next_one():
     assert project["version"] == __version__
     if unreleased.strip():
         base = __version__.removesuffix(".dev0")
-        assert base != __version__, "what is unreleased is no release"
+        assert base != __version__, "an unreleased version is no release"
         assert [*map(int, base.split("."))] > [*map(int, version.split("."))]
     else:
         assert __version__ == version

@@ -16,7 +16,7 @@ LIAR = (
 
 
 def shaken_by_both_judges(monkeypatch, number, seconds):
-    """Return whether both find that a handle shakes which is not what it says, unwatched."""
+    """Return whether both find the shaking of an unwatched handle with a false description."""
     drawn = campaign_hands.draw(number, seconds)
     changed = replace(drawn, seconds=seconds, changes=[*drawn.changes, LIAR])
     monkeypatch.setattr(campaign_hands, "draw", lambda *_: changed)
@@ -68,7 +68,7 @@ def test_a_row_of_five_by_tremor_alone_is_no_oscillation(monkeypatch, still):
     """Trial 611409 with seed 76 makes rows of five near its tremor of 1.1 N; without it, none.
 
     The same hand on the wall that was rendered, continuous and unchanging, trembles in the same
-    places; what is left of the motion without that is no row of three.
+    places; the rest of the motion without that is no row of three.
     """
     drawn = campaign_hands.draw(611409, 6.0)
     changes = [*drawn.changes, "seed=76", *(["operator.hand.tremor_N=0"] if still else [])]

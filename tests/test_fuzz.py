@@ -1,4 +1,4 @@
-"""A slice of `scripts/campaign fuzz`, and that it notices what it is there for."""
+"""A slice of `scripts/campaign fuzz`, and that it notices planted faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No command overwrites what is there: each refuses, with what, where and what to do instead."""
+"""No command overwrites a file: each refuses, with cause, place and next step."""
 
 import pytest
 
@@ -47,7 +47,7 @@ WRITES_NOTHING = {
     "effects",
     "make-safe",
 }
-KEEPS_THE_OLD = {"calibrate"}  # beside what --write changes: tests/drivers/test_calibration.py
+KEEPS_THE_OLD = {"calibrate"}  # beside keys of --write: tests/drivers/test_calibration.py
 WRITES_NOTHING |= {"live", "runs", "schema"}
 
 

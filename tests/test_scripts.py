@@ -101,13 +101,13 @@ def test_what_is_installed_is_not_installed_again_before_a_pin_changes(
 
 
 def asked_of(folder):
-    """Return what the programs of a folder were asked for."""
+    """Return the arguments of a folder's programs."""
     path = folder / "asked"
     return path.read_text().splitlines() if path.exists() else []
 
 
 def wanted_of(lines):
-    """Return what each installation was asked to install: extras of ours, or a package."""
+    """Return the request of each installation: extras of ours, or a package."""
     return [
         line.rpartition("[")[2].rstrip("]") if line.endswith("]") else line.split()[-1]
         for line in lines

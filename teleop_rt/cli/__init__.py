@@ -140,7 +140,7 @@ app = LazyGroup(
         ),
         "live": LazyCommand(
             "teleop_rt.cli.showing:live",
-            "Show a running session or a recording in a browser; the page controls nothing.",
+            "Show a run, a daemon or a recording in a browser; the page controls nothing.",
             panel=_RECORDINGS,
         ),
         "export": LazyCommand(

@@ -111,7 +111,7 @@ def runs(
 def live(
     recording: Annotated[
         Path | None,
-        typer.Argument(help="recording or run folder to play back; default: the running session"),
+        typer.Argument(help="recording or run folder to play back; default: the running slave"),
     ] = None,
     port: LivePort = 5006,
     host: Annotated[
@@ -124,7 +124,7 @@ def live(
     ] = False,
     beside: Annotated[int | None, typer.Option("--beside", hidden=True)] = None,
 ) -> None:
-    """Show a running session or a recording in a browser; the page controls nothing."""
+    """Show a run, a daemon or a recording in a browser; the page controls nothing."""
     if foxglove:
         with _extra("foxglove"):
             from teleop_rt.view.live.foxglove import bridge_to_foxglove  # noqa: PLC0415

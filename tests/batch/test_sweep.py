@@ -17,7 +17,7 @@ def quiet(done, total):
 
 
 class Counted:
-    """Squares, and remembers what it was asked."""
+    """Squares, and remembers its arguments."""
 
     def __init__(self, fails_at=None):
         self.asked = []

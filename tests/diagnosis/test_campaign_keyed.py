@@ -1,4 +1,4 @@
-"""A folder of recordings with known answers: what an answer is worth, and the table."""
+"""A folder of recordings with known answers: the grade of an answer, and the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The peers of diagnosis: what their answers are counted as, and the one that is written here."""
+"""The peers of diagnosis: the grades of their answers, and the one that is written here."""
 
 from __future__ import annotations
 

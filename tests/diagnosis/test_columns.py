@@ -1,4 +1,4 @@
-"""Columns of a table by the names that people give them, and what stands beside the table."""
+"""Columns of a table by the names that people give them, and the text beside the table."""
 
 from __future__ import annotations
 

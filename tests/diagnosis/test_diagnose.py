@@ -25,7 +25,7 @@ def recorded(record: Record) -> Recording:
 
 
 def answer(record: Record, **options: object) -> dict[str, object]:
-    """The answer for a record, which keeps the schema of what is printed whatever its verdict."""
+    """The answer for a record, which keeps the printed schema whatever its verdict."""
     found = diagnose(recorded(record), record.base, surface=0.0, **options).answer
     printed = {key: value for key, value in found.items() if key != "seconds"}
     assert violations(SchemaName.ANSWER, printed) == []
@@ -115,7 +115,7 @@ def test_an_effect_outside_the_vocabulary_is_not_given_a_name(effect: str) -> No
     record = make(61, (effect,), "silicone", size=0.15, noise=0.01)
     found = answer(record)
     assert found["verdict"] in {"unexplained", "partial"}
-    # The floor is the sensor's noise; what nobody explains is no part of it.
+    # The floor is the sensor's noise; an unexplained force is no part of it.
     floor = found["error"]["noise_floor"] * np.ptp(record.force[record.position > 0.0])
     assert floor == pytest.approx(record.noise, rel=0.1)
     assert found["error"]["after_over_floor"] > 3.0
@@ -226,7 +226,7 @@ def test_notes_report_the_assumed_surface() -> None:
 
 
 def test_a_set_that_leaves_noise_alone_explains_at_least_95_percent() -> None:
-    """A small effect leaves as much by chance as it explains: the share is of what can be seen."""
+    """A small effect leaves as much by chance as it explains: the share is of the visible force."""
     records = [
         make(seed, ("force_bias",), "silicone", size=0.02, noise=0.04) for seed in range(90, 98)
     ]

@@ -63,7 +63,7 @@ def _cylinder(seed: int) -> Recording:
 
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
-    """Return what is found where what is left is taken to be more than slow noise."""
+    """Return the answer where the remainder is taken to be more than slow noise."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "teleop_rt.diagnosis.inference.confirmed.needs_unknown_remainder", lambda *_: True

@@ -1,4 +1,4 @@
-"""The motion that is proposed keeps to what the rig may do, and asks nothing sudden of it."""
+"""The motion that is proposed keeps to the rig's limits, and asks nothing sudden of it."""
 
 from __future__ import annotations
 

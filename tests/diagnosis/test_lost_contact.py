@@ -16,7 +16,7 @@ DT_S, NOISE_N = 1e-3, 0.05
 def pressed(*, sticks: float, offset: float = 0.0) -> tuple[np.ndarray, ...]:
     """Return force, x, v and where it touches: a spring that lets go `sticks` before the surface.
 
-    It is met again where it let go of the tool; `offset` is what the sensor shows in free air.
+    It is met again where it let go of the tool; `offset` is the sensor's reading in free air.
     """
     t = np.arange(4000) * DT_S
     x = 0.004 - 0.006 * np.cos(2 * np.pi * t)

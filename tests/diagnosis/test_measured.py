@@ -1,4 +1,4 @@
-"""Recordings of real machines: what is expected comes from physics, not from tuning."""
+"""Recordings of real machines: expectations come from physics, not from tuning."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ def test_derivatives_of_a_fast_tone_are_kept_to_a_ten_thousandth() -> None:
 
 
 def test_chi_square_counts_the_samples_that_are_left_and_no_others() -> None:
-    """Noise has variance 1 along what these samples resolve, for any share left out."""
+    """Noise has variance 1 along the directions of these samples, for any share left out."""
     rng = np.random.default_rng(8)
     mask = np.ones(8000)
     mask[2000:5000] = 0.0

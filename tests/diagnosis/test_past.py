@@ -1,4 +1,4 @@
-"""A recording may begin while the material still fades from what nobody recorded."""
+"""A recording may begin while the material still fades from an unrecorded past."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The force itself, and what is made once, are what the columns and each row alone give."""
+"""The force itself, and columns made once, equal those of each row alone."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ COLUMNS = {"time": "t", "position": "moved", "force": "pushed"}
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Write what a position loop records that moves a mass: commands in mm, noise on the force."""
+    """Write the recording of a position loop that moves a mass: commands in mm, a noisy force."""
     t = np.arange(0.0, 6.0, 1e-4)
     tones = ((0.7, 0.0), (1.9, 1.0), (4.3, 2.0))
     asked = sum(0.01 * np.sin(2 * np.pi * hz * t + phase) for hz, phase in tones)

@@ -1,4 +1,4 @@
-"""A second effect is named where no other form of the first one's law could make what it shows."""
+"""A second effect is named where no other form of the first one's law could make its force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tone beside another effect: the line's energy says nothing about what else is missing."""
+"""A tone beside another effect: the line's energy is no evidence on the other effect."""
 
 from __future__ import annotations
 

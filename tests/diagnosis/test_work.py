@@ -1,6 +1,6 @@
 """How much a diagnosis computes: linear fits and predictions, which take most of its time.
 
-The bounds are a twelfth (predictions: a sixth to a quarter) above what was counted.
+The bounds are a twelfth (predictions: a sixth to a quarter) above the counts.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Stamps of what comes on lines: when it arrived, and half way to the answer of a servo."""
+"""Stamps of bytes on lines: their time of arrival, and half way to the answer of a servo."""
 
 from __future__ import annotations
 
@@ -255,7 +255,7 @@ def test_frames_that_were_kept_have_the_middle_of_the_time_in_which_they_came():
     end.empty_ns = empty_ns = time.monotonic_ns() - 10 * MS
     end.keep()
     kept_ns = time.monotonic_ns()
-    assert empty_ns < end.empty_ns <= kept_ns, "what comes next came after this look"
+    assert empty_ns < end.empty_ns <= kept_ns, "the next bytes came after this look"
     end.drain(kept_ns + 5 * MS)
     (came_ns,) = end.came
     assert empty_ns + 5 * MS <= came_ns <= (empty_ns + kept_ns) // 2

@@ -212,7 +212,7 @@ class Asked:
         self.cycle()
 
     def cycle(self) -> list[tuple[float, int]]:
-        """Run a cycle that begins at a whole millisecond; return what it brought."""
+        """Run a cycle that begins at a whole millisecond; return its answers."""
         self.samples.clear()
         self.line.now = (self.line.now // MS + 1) * MS
         self.began = self.line.now
@@ -254,7 +254,7 @@ def test_no_answer_is_waited_for_no_longer_than_its_time_and_the_next_cycles_hav
     assert asked.cycle() == []
     assert asked.took < ANSWER_NS + 20 * US
     asked.line.lost = False
-    assert asked.cycle() == [], "what is owed may still come"
+    assert asked.cycle() == [], "answers that are owed may still come"
     assert asked.line.sent[-2] != QUESTION
     for _ in range(3):
         ((position, _),) = asked.cycle()

@@ -206,7 +206,7 @@ def test_check_prints_one_json_object_and_fails_on_an_error(call):
     code, out = call("check", TRIAL, "--json")
     answer = json.loads(out)
     assert code == 0
-    assert answer["worst"] == "ok", "what needs no action is no warning"
+    assert answer["worst"] == "ok", "a finding without action is no warning"
     assert {"severity", "what", "where", "next_step"} == set(answer["findings"][0])
     code, out = call("check", TRIAL, "--set", "rig.axis.bus.bitrate=500000", "--json")
     assert code == 2

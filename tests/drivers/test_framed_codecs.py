@@ -47,7 +47,7 @@ def test_the_fast_crc_is_that_of_the_definition(data):
 
 
 class Heard:
-    """A parser of a shipped format, and what it delivered."""
+    """A parser of a shipped format, and its values."""
 
     def __init__(self, name: str) -> None:
         frame = load_format(name)

@@ -20,7 +20,7 @@ LATE_NS = 10**12
 
 
 class Table:
-    """A plant that stands where it is put, and notes what a drive does with it."""
+    """A plant that stands where it is put, and notes a drive's commands to it."""
 
     def __init__(self, position=0.0, velocity=0.0, force=0.0):
         self.position = self.reported_position = position
@@ -35,7 +35,7 @@ class Table:
 
 
 class Bench:
-    """A simulated drive of a preset, or of a rig, on a table; `said` is what it sends."""
+    """A simulated drive of a preset, or of a rig, on a table; `said` holds its frames."""
 
     def __init__(self, rig, **state):
         part = (load(rig) if isinstance(rig, str) else rig).axis.parts["drive"]
@@ -49,7 +49,7 @@ class Bench:
         self.table.done.clear()
 
     def hears(self, can_id, data, now_ns=LATE_NS):
-        """Give it a frame, in hex; return what it sends at once."""
+        """Give it a frame, in hex; return its answer of the same instant."""
         self.said.clear()
         self.drive.receive(can_id, bytes.fromhex(data.replace(" ", "")), now_ns)
         return list(self.said)

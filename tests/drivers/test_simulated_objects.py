@@ -112,7 +112,7 @@ def map_two_objects(wire):
 
 
 def provoke(code: str) -> list[str]:
-    """Make the drive send an emergency, and return what it sent."""
+    """Make the drive send an emergency, and return its frames."""
     wire = Wire()
     wire.write(DRIVE, 0x1016, 1, 127 << 16 | 60, 4)
     wire.write(DRIVE, 0x1400, 5, 20, 2)

@@ -43,7 +43,7 @@ def test_pressed_at_rest_the_force_is_stiffness_times_penetration():
 
 @pytest.mark.parametrize("hides", [False, True])
 def test_the_drive_s_reported_force_is_what_momentum_and_body_took(hides):
-    """Summed by rectangles it lacked 3 % of what a mass of 1 kg takes, and stiffness 0.5 %."""
+    """Summed by rectangles it lacked 3 % of the force on a mass of 1 kg, and stiffness 0.5 %."""
     undeclared = ({"effect": "force_bias", "bias": 1.0},) if hides else ()
     plant = Plant(quiet(environment={"surface": 1.0}, undeclared=undeclared), 0, 0)
     assert plant._hides is hides  # which of its two integrations runs shows nowhere else

@@ -86,7 +86,7 @@ def test_what_is_no_terminal_is_read_until_its_end():
 
 
 def test_arrivals_on_a_terminal_are_kept_without_waiting_for_it(line, monkeypatch):
-    """A terminal is never among those that are waited for; what comes lies between two looks."""
+    """A terminal is never among those that are waited for; bytes come between two looks."""
     waited: list[list[int]] = []
     looks = iter([b"", b"first", b"", b"second"])
     stream = DescriptorStream(line["near"])

@@ -53,7 +53,7 @@ FORMATS = {
 
 
 class Listener:
-    """A parser with a value, by kernels or without, and all that came of what it was fed."""
+    """A parser with a value, by kernels or without, and all its results."""
 
     def __init__(self, format_: BinaryFormat, *, kernels: bool) -> None:
         source = Source("device", binary_fields(format_))
@@ -74,7 +74,7 @@ class Listener:
             self.parser._whole = self.parser.read = None
 
     def news(self) -> tuple[object, ...]:
-        """Return what was heard since the last call, and what has come of all that was."""
+        """Return the frames heard since the last call, and the results of all."""
         signal, heard = self.signal, repr(self.heard)
         self.heard.clear()
         stamps = signal.stamp_ns, signal.device_stamp_ns
@@ -203,7 +203,7 @@ def test_a_line_is_read_until_it_is_gone():
         assert received(listener.parser, near) == len(frames[0])
         os.write(far, frames[1] + frames[2][:5])
         assert received(listener.parser, near) == len(frames[0]) + 5
-        assert listener.parser.read is None  # the parser holds what has begun
+        assert listener.parser.read is None  # the parser holds the frame that has begun
         listener.parser.feed(frames[2][5:], MS)
         assert listener.counters["frames"] == 3
         assert listener.counters["gaps"] == 0

@@ -47,7 +47,7 @@ def test_a_cycle_without_a_sample_fills_its_place():
 
 
 def stalled(samples, every=40, longest=9, seed=3):
-    """A recording as a loop that stalls now and then would have it: what it slept through lacks."""
+    """A recording as a loop that stalls now and then would have it: samples of the stalls lack."""
     position, force, valid = samples
     rng, kept, at = np.random.default_rng(seed), [], 0
     while at < len(position):

@@ -1,4 +1,4 @@
-"""Parameters in the rig's units: what cannot be a body is not-a-number, and overflows nothing."""
+"""Parameters in the rig's units: those of no body are not-a-number, and overflow nothing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A tool that rests in a touch while the body's surface moves: what is streamed can be rendered."""
+"""A tool that rests in a touch while its surface moves: the streamed model can be rendered."""
 
 import numpy as np
 import pytest

@@ -36,7 +36,7 @@ def averaged(values, order):
 
 
 def samples(path, stiffness, damping, phase, order=4, seed=1):
-    """Return what a converter and an encoder give of a path (n,), in steps of FINE_S."""
+    """Return the readings of a converter and an encoder on a path (n,), in steps of FINE_S."""
     depth = path - SURFACE_M
     force = np.where(depth > 0.0, stiffness * depth + damping * np.gradient(path, FINE_S), 0.0)
     every = round(1.0 / RATE_HZ / FINE_S)
@@ -84,7 +84,7 @@ def test_an_averaged_force_places_the_surface_as_well_as_it_says(stiffness, damp
         detector = pipeline.stored[0]["detector"]
         stated[n] = math.sqrt(detection.surface_variance(detector, curved=False))
     assert abs(errors.mean()) < 1e-4
-    assert np.abs(errors).max() < 5e-4, "what a trial allows"
+    assert np.abs(errors).max() < 5e-4, "the bound of a trial"
     assert np.sqrt(np.mean((errors / stated) ** 2)) < 2.0
 
 

@@ -27,7 +27,7 @@ def answer(position: np.ndarray, moved: np.ndarray, exponent: float = 1.0) -> np
 
 
 def follow(position: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, SurfaceMotion]:
-    """Return where the surface is said to have moved, how fast, and what followed it."""
+    """Return the estimated place and speed of the surface, and those of its follower."""
     motion = SurfaceMotion(3.0, T, 0.4, NOISE, 5e-3)
     found = []
     for x, f in zip(position, force, strict=True):
@@ -63,7 +63,7 @@ def test_a_surface_that_stands_still_stays():
 def test_a_body_that_stiffens_is_not_taken_for_one_that_moves():
     position = strokes()
     moved, velocity, _ = follow(position, answer(position, 0 * BREATH, exponent=1.5))
-    assert np.abs(moved).max() < 0.3e-3, "what looked like motion before the curve was seen"
+    assert np.abs(moved).max() < 0.3e-3, "an apparent motion before the curve was seen"
     assert rms(velocity[2000:]) < 0.3e-3, "as of a straight body that stands still"
 
 

@@ -1,4 +1,4 @@
-"""The watch on the residual: silent on what the model can do, awake to what it cannot."""
+"""The watch on the residual: silent on residuals of the model's own kind, awake to others."""
 
 import dataclasses
 

@@ -71,7 +71,7 @@ class Attacker(RuleBasedStateMachine):
         self.honest(60)
 
     def talk(self) -> None:
-        """Let both ends take in what has come, and say the time."""
+        """Let both ends take in all packets, and state the time."""
         now_ms = self.now / MS
         self.ends["master"].poll()
         self.ends["master"].send(MotionMessage(now_ms, 0.0, 0, engaged=True))

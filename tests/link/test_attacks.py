@@ -36,7 +36,7 @@ def test_packets_of_an_earlier_session_are_not_accepted_in_the_next() -> None:
 
 
 def silent_master(seed: int) -> tuple[Pair, bytes]:
-    """A session of 1.5 s, and its Welcome; what the slave then sends is lost for 2.5 s."""
+    """A session of 1.5 s, and its Welcome; the slave's later packets are lost for 2.5 s."""
     dark = Impairment(blackouts_ns=((1500 * MS, 4000 * MS),))
     pair = Pair(back=dark, seed=seed)
     pair.run(1500)

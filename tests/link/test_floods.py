@@ -1,4 +1,4 @@
-"""Floods of whoever has no key: what they cost a tick, and whom they keep out."""
+"""Floods by senders without a key: their cost for a tick, and the peers that they keep out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The handshake against published vectors, and what no attacker may change in it."""
+"""The handshake against published vectors, and the parts that no attacker may change."""
 
 from __future__ import annotations
 

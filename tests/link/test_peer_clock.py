@@ -1,4 +1,4 @@
-"""How old a message is, and what somebody who delays packets can make of it."""
+"""The age of a message, and the influence of somebody who delays packets on it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_age_is_what_a_message_takes_beyond_the_links_own_time() -> None:
 
 def test_a_declared_one_way_time_holds_from_the_beginning() -> None:
     clock = PeerClock(20 * MS)
-    exchanged(clock, 10 * S, 8 * S, 1 * MS)  # somebody withholds what comes from us, or to us
+    exchanged(clock, 10 * S, 8 * S, 1 * MS)  # somebody withholds packets from us, or to us
     assert clock.age_ns(10 * S - 1 * MS + AHEAD, 10 * S) == pytest.approx(4 * S, abs=40 * MS)
 
 

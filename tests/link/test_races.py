@@ -25,7 +25,7 @@ def kind_of(packet: bytes) -> Kind:
 
 
 def asked(pair: Pair, packet: bytes) -> bytes | None:
-    """Give the slave a packet of the attacker; return what it answers."""
+    """Give the slave a packet of the attacker; return its answers."""
     before = len(pair.slave_tap.sent)
     pair.slave_tap.injected.append(packet)
     pair.slave.poll()
@@ -63,7 +63,7 @@ def test_an_operator_revoked_in_the_middle_of_a_handshake_never_leads(steps: int
 
 
 class TwoMasters:
-    """Two masters with one key at one slave; the attacker decides what reaches which of them."""
+    """Two masters with one key at one slave; the attacker decides which packets reach them."""
 
     def __init__(self, passes: Callable[[Kind], bool]) -> None:
         self.pair = Pair()
@@ -126,7 +126,7 @@ def test_new_keys_at_the_moment_of_loss_and_reordering_lose_neither_session_nor_
                 assert pair.slave.motion.target > applied, "each at most once, none after a later"
                 applied, stood = pair.slave.motion.target, stood + 1
         assert pair.slave.session_id == pair.master.session_id == chain, renewal
-    assert pair.slave._answerer.pending == {}  # what is left over would only take memory
+    assert pair.slave._answerer.pending == {}  # a remainder would only take memory
     assert pair.slave.statistics.take_overs == 0
     assert stood > 500
 
@@ -162,7 +162,7 @@ def test_a_slave_that_was_frozen_follows_nothing_of_what_waited_for_it() -> None
         pair.now += MS
         pair.master.send(MotionMessage(7.0, 0.0, 0, engaged=True))
         pair.master.poll()
-    for _ in range(40):  # the master is dead, and what waited comes in
+    for _ in range(40):  # the master is dead, and waiting packets come in
         pair.now += MS
         pair.slave.poll()
         if pair.slave.fresh_motion:

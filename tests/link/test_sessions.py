@@ -243,7 +243,7 @@ def test_a_reflected_packet_of_any_kind_is_no_message() -> None:
         tap.injected.extend(own)
         while tap.injected:
             end.poll()
-        assert end.statistics.received <= received + 1  # what was under way
+        assert end.statistics.received <= received + 1  # the packet under way
     assert pair.slave.session_id == session
     assert pair.slave.motion.target >= motion.target
 

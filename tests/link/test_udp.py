@@ -108,7 +108,7 @@ def test_a_restarted_master_on_another_port_is_followed(ends) -> None:
 
 
 def led_once(master: Endpoint, slave: Endpoint, at_slave: UdpTransport) -> None:
-    """Let the slave know its master's address, and take what comes from there by kernels."""
+    """Let the slave know its master's address, and take packets from there by kernels."""
     master.send(MotionMessage(0.125, 0.0, 0, engaged=True))
     wait_for(at_slave)
     slave.poll()

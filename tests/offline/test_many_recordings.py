@@ -1,4 +1,4 @@
-"""Many recordings: folders and globs, cores and clusters, bad files, and what was interrupted."""
+"""Many recordings: folders and globs, cores and clusters, bad files, and interrupts."""
 
 import io
 import json
@@ -49,7 +49,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def two_effects(monkeypatch):
-    """Diagnose with two effects and without pages: who asks, not what is found, is tested here."""
+    """Diagnose with two effects and without pages: the command, not the answer, is tested here."""
     known = (effect("coulomb_friction"), effect("force_bias"))
     for module in (work, closing_files):
         monkeypatch.setattr(module, "library", lambda _own: known)
@@ -130,7 +130,7 @@ class Terminal(io.StringIO):
 
 
 def seen(terminal):
-    """The words on a terminal, without what moves its cursor."""
+    """The words on a terminal, without the codes of its cursor."""
     return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", terminal.getvalue())
 
 

@@ -1,4 +1,4 @@
-"""A daemon that begins again with another config: what is a refusal, and what is a fault."""
+"""A daemon that begins again with another config: refusals and faults."""
 
 from contextlib import contextmanager
 

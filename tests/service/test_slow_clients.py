@@ -1,4 +1,4 @@
-"""The flood of slow clients, beside which a stop is timed, is what it says."""
+"""The flood of slow clients, beside which a stop is timed, is a flood."""
 
 import subprocess
 import sys

@@ -115,7 +115,7 @@ def test_a_request_counts_while_its_server_looks_after_it(tmp_path, monkeypatch)
 
 
 class Session:
-    """A control socket with clients, and what was asked at it."""
+    """A control socket with clients, and their requests."""
 
     def __init__(self, folder) -> None:
         self.place = folder / "control"
@@ -199,7 +199,7 @@ sys.stdin.read()
 
 def test_a_process_that_takes_every_place_takes_none_of_another_process(tmp_path):
     session = Session(tmp_path)
-    first = session.client()  # connected, and about to say what it wants
+    first = session.client()  # connected, and about to send its command
     session.connections.serve_once(0.0)
     words = [sys.executable, "-c", CROWD, str(session.place)]
     with subprocess.Popen(words, stdin=subprocess.PIPE) as crowd:

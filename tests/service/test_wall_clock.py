@@ -13,7 +13,7 @@ WALL = {"time", "time_ns", "now", "utcnow", "today", "CLOCK_REALTIME", "gmtime",
 
 
 def wall_clock_of(source: str) -> list[str]:
-    """Return what a source takes from the modules time and datetime that a jump changes."""
+    """Return a source's names from the modules time and datetime that a jump changes."""
     return [
         f"line {node.lineno}: {node.attr}"
         for node in ast.walk(ast.parse(source))

@@ -189,7 +189,7 @@ def test_noise_hides_the_damping_that_least_squares_finds_without_it():
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Give the words of a command that has written the study, its folder, and what it printed."""
+    """Give the words of a command that has written the study, its folder, and its output."""
     folder, printed = tmp_path_factory.mktemp("chapter4") / "out", io.StringIO()
     arguments = ("study", "chapter4", "--out", folder, "--frequencies", "1,10", "--duration", "2",
                  "--cube-s", "0", "--jobs", "1", "--json")  # fmt: skip

@@ -147,7 +147,7 @@ GRID = ("--round-trip-ms=0,270", "--loss=0", "--seeds=2")
 
 @pytest.fixture
 def played(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
-    """The study without its hours: what was asked, each answered with a result like it."""
+    """The study without its hours: its requests, each answered with a result like it."""
     asked: list[dict[str, Any]] = []
     answer = measure(pressing(40.0, 0))
 

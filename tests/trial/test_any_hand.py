@@ -1,4 +1,4 @@
-"""Ordinary hands on the shipped handle: what shook, pushed or lied once, in lock-step."""
+"""Ordinary hands on the shipped handle: cases that shook, pushed or misled once, in lock-step."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def wall(stiffness):
 
 
 class Run:
-    """A trial in lock-step: position and force of every tick, and what is left at the end."""
+    """A trial in lock-step: position and force of every tick, and the state at the end."""
 
     def __init__(self, changes, seconds, trial="handle.yaml"):
         file = TRIALS / trial

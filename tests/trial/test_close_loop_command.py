@@ -102,7 +102,7 @@ def test_without_a_word_for_it_the_loop_goes_on_with_a_drafted_law(tmp_path):
     slave = answer["fresh"]["slave"]
     assert slave["free_run"]["after"] < 0.4 * slave["free_run"]["before"]
     assert slave["free_run"]["after"] == answer["draft"]["error"]["after"]
-    ratio = np.std(shown.after) / np.std(shown.before)  # what the page draws is of the other file
+    ratio = np.std(shown.after) / np.std(shown.before)  # the page draws the other file
     assert ratio == pytest.approx(
         slave["free_run"]["after"] / slave["free_run"]["before"], rel=0.02
     )

@@ -1,4 +1,4 @@
-"""Ctrl-C in a trial of `close-loop`: what was recorded is kept, and nothing further is run."""
+"""Ctrl-C in a trial of `close-loop`: the recording so far is kept, and nothing further is run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a run on what it compiles."""
+"""The report of a run on its compiling."""
 
 from teleop_rt.cli import whole_run
 from teleop_rt.kernels import jit

@@ -1,4 +1,4 @@
-"""The folder of a run: what could not begin leaves none."""
+"""The folder of a run: one that could not begin leaves none."""
 
 from __future__ import annotations
 

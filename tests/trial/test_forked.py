@@ -1,4 +1,4 @@
-"""Sides of a run are forks of it: what they print, how they end, and what they take over."""
+"""Sides of a run are forks of it: their output, their end, and the state they take over."""
 
 import mmap
 import os

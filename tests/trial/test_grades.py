@@ -1,4 +1,4 @@
-"""One rule of what is good: never green beside a model that is inadequate."""
+"""One rule of quality: never green beside a model that is inadequate."""
 
 import pytest
 

@@ -44,7 +44,7 @@ class Running:
         )
 
     def children(self) -> dict[str, int]:
-        """Return the process ids of what the run started, by the names that `ps` shows."""
+        """Return the process ids of the run's processes, by the names that `ps` shows."""
         found = {}
         for entry in Path("/proc").iterdir():
             if not entry.name.isdigit() or int(entry.name) == self.process.pid:
@@ -254,7 +254,7 @@ def test_a_killed_run_takes_its_processes_with_it(tmp_path):
 
 
 def left_by(processes: list[int]) -> list[Path]:
-    """Return what these processes have left in shared memory."""
+    """Return the files of these processes that are left in shared memory."""
     found = [SHARED_MEMORY.glob(f"teleop-rt-{pid}-*") for pid in processes]
     found += [SHARED_MEMORY.glob(f"can-*/{pid}-*.can") for pid in processes]
     return [path for paths in found for path in paths]

@@ -1,4 +1,4 @@
-"""How a run of processes ends: what comes after its end does not interrupt it."""
+"""How a run of processes ends: a signal after its end does not interrupt it."""
 
 import errno
 import json

@@ -109,7 +109,7 @@ def test_of_a_tutorial_only_a_machine_that_is_late_is_forgiven(tmp_path, fault, 
 
 
 class Sources(HTMLParser):
-    """Collects what a page would fetch by itself."""
+    """Collects the addresses that a page would fetch by itself."""
 
     def __init__(self):
         super().__init__()
@@ -211,7 +211,7 @@ def test_the_example_shows_the_cells_of_the_notebook_and_their_outputs(site):
     assert "teleop_rt" in text
     assert "diagnose" in text
     assert "<caption>arrays: named</caption>" in text, "the table of the diagnosis"
-    assert "a spring alone: " in text, "what a cell printed"
+    assert "a spring alone: " in text, "the output of a cell"
     assert 'src="data:image/png;base64,' in text, "its figure"
 
 

@@ -1,4 +1,4 @@
-"""The live page in a real browser: it shows what happens, and the console stays clean."""
+"""The live page in a real browser: it shows the run, and the console stays clean."""
 
 import os
 import re

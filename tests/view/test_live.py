@@ -146,7 +146,7 @@ def test_a_recording_is_sought_held_paced_and_looped(recorded):
     assert feed.ask({"seek": 0.9 * length_s})
     first_s, last_s = shown()
     assert last_s == pytest.approx(0.9 * length_s, abs=0.02)
-    assert last_s - first_s >= min(2.0, last_s) - 0.05  # what a window before it holds
+    assert last_s - first_s >= min(2.0, last_s) - 0.05  # the length of the window before it
     assert feed.ask({"seek": 0.2})
     assert shown()[1] == pytest.approx(0.2, abs=0.02)
     assert not feed.ask({"play": False})

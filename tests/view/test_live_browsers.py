@@ -15,7 +15,7 @@ from teleop_rt.view.live.source import RecordingSource
 
 
 class Browser:
-    """A line that keeps what it is sent, as the page does."""
+    """A line that keeps its messages, as the page does."""
 
     def __init__(self):
         self.free, self.frames, self.rows, self.row = True, [], {}, None
@@ -46,7 +46,7 @@ class Counted(Frames):
 
 @pytest.fixture
 def stage(recorded):
-    """Give what serves a page, on a recording whose time is stepped by hand."""
+    """Give the server of a page, on a recording whose time is stepped by hand."""
     now = [0.0]
     feed = Feed(RecordingSource(recorded, lambda: now[0]), 10.0)
     frames = Counted(feed)

@@ -1,4 +1,4 @@
-"""The live page as a command serves it: who may look, and what is refused."""
+"""The live page as a command serves it: permitted viewers, and refusals."""
 
 import asyncio
 import base64

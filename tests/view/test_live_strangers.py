@@ -24,7 +24,7 @@ PATIENCE_S = 120.0
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    """Give the port of a live page, and what its process wrote about errors, once it has ended."""
+    """Give the port of a live page, and its process's standard error, once it has ended."""
     folder = tmp_path_factory.mktemp("strangers")
     trial = silicone("duration_s=1.0")
     write_trial(folder, trial)

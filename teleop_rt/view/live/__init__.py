@@ -1,1 +1,1 @@
-"""The live page: a running session, or a recording, in a browser (extra `live`)."""
+"""The live page: a run, a daemon or a recording in a browser (extra `live`)."""

@@ -156,7 +156,7 @@ class Feed:
     def ask(self, asked: Mapping[str, Any]) -> bool:
         """Take a page's request for a recording's playback; return whether all is to be sent again.
 
-        A running session is never asked anything: the page controls nothing.
+        A running slave is never asked anything: the page controls nothing.
         """
         if not isinstance(self.source, RecordingSource):
             return False

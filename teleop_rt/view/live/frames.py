@@ -101,7 +101,7 @@ class Frames:
         return _text(entries, sources, {"whole": True} | self._place())
 
     def _place(self) -> dict[str, Any]:
-        """Return where the playback of a recording is; nothing of a running session."""
+        """Return where the playback of a recording is; nothing of a running slave."""
         source = self._feed.source
         if not isinstance(source, RecordingSource) or source.length_s is None:
             return {}

@@ -68,7 +68,7 @@ class RowSource(Protocol):
 
 
 class RingSource:
-    """The rings of a running session, mapped read-only: reading them costs the loop nothing."""
+    """The rings of a running slave, mapped read-only: reading them costs the loop nothing."""
 
     def __init__(self, find: Callable[[], Path | None]) -> None:
         """Read the session that `find` returns, as soon as it returns one."""
