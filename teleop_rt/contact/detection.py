@@ -68,6 +68,7 @@ NOTHING, ONSET, RELEASE, FOUND = range(4)
 # behind the part that was averaged over the surface as before.
 SETTLINGS = 2
 HISTORY = 1024
+"""Newest samples that the detector keeps, to search the surface of a contact in them."""
 # An onset this far [resolutions] from the previous one shows that the environment has moved.
 MOVED_RESOLUTIONS = 100.0
 # ... and by so many deviations of two such onsets: between slow samples a fast tool goes far.

@@ -58,6 +58,7 @@ CORRELATED = 10.0
 # The power law replaces the line where it leaves less than this share of its residual power.
 CURVED = 0.5
 UNKNOWN = 1e30
+"""Variance of a surface that no line was believed to give."""
 # A surface found to no better than this share of the motion's span is no news.
 VAGUE = 0.1
 

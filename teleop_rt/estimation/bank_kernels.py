@@ -71,6 +71,7 @@ JUDGED_EVERY = 4
 READY_BELOW = 0.05
 READY_UNTIL = 10.0
 RESTARTED_FOR = 1000.0
+"""Samples after a restart for which a row is reported as restarted."""
 LEAST_SQUARE = 1e-30
 """Least mean square of an intercept that is divided by: far below any that was excited."""
 

@@ -12,6 +12,7 @@ Matrix = NDArray[np.float64]
 # Beyond this condition number of the scaled normal matrix the digits are no longer safe.
 WORST_CONDITION = 1e10
 CHUNK = 65_536
+"""Samples of one product of matrices, which stay in the processor's cache."""
 
 
 def least_squares(phi: Matrix, y: Vector) -> Vector:

@@ -20,6 +20,7 @@ Matrix = NDArray[np.float64]
 # A channel of the filter: value, first and second derivative, and the input before.
 VALUE, RATE, CURVATURE, INPUT, CHANNEL_SIZE = range(5)
 LONGEST_WINDOW = 64
+"""Samples of the window of adaptive windowing, for which the kernel has room."""
 _SERIES = 40
 """Terms of exp's series: 7^40/40! < 1e-14."""
 

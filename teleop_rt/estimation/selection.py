@@ -39,6 +39,7 @@ SELECTED, RIVAL, RIVAL_TICKS, N_CHOICE = range(4)
 # A rival must be better by this factor in force error for this long [s of contact].
 ADVANTAGE = 0.8
 DWELL_S = 0.5
+# Memory of the compared error, and the least of it before a row may be chosen [s of contact].
 SCORE_MEMORY_S = 1.0
 LEAST_SCORED_S = 0.2
 
