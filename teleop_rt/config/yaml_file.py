@@ -61,7 +61,7 @@ class Document:
     def origin(self, paths: Sequence[KeyPath]) -> str:
         """Return the places of keys that contradict each other: the first, and the overrides.
 
-        A file was most likely right without what the command line gave for them or below them.
+        A file was most likely right without the command line's values for them or below them.
         """
         given = {
             where: None

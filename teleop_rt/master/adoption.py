@@ -166,7 +166,7 @@ class Adoption:
     def update(self, position: float, velocity: float, dt_s: float) -> float:
         """Move the blend as far as this tick allows, and return the force.
 
-        `stored_J` is what the springs hold then, `stepped_J` what this tick's blend put into them.
+        `stored_J` is then the energy of the springs, `stepped_J` the part from this tick's blend.
         """
         self.stepped_J = 0.0
         if not self.holds(position) and not self.newest.holds(position):

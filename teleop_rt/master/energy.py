@@ -161,7 +161,7 @@ def observe(
     p.surface_J += surface_J
     count(p, acted, force, stored_J, change_J + surface_J)
     if not bounded:
-        p.taken_J = stored_J  # when that begins, what is stored was taken
+        p.taken_J = stored_J  # when that begins, all stored energy was taken
     p.made_J = 0.0
     if not math.isinf(stored_J):  # of an unknown wall; without the compiler inf - inf is a warning
         p.made_J = stored_J - p.stored_J - change_J - surface_J
@@ -185,9 +185,9 @@ class PassivityObserver:
     """Observes the energy that the hand gives to the port in a contact, and damps a deficit.
 
     A passive port keeps E >= -ε, with ε the tank's capacity plus its allowance since the contact
-    began. Below that, damping is added, at most what is said to be still passive, until the deficit
+    began. Below that, damping is added, at most as much as stays passive, until the deficit
     is paid; and a wall that stores more than E + ε gives back that share of its force. `made_J` is
-    what the port made in the last tick beyond what its springs hold. While `bounded`, force is
+    the energy that the port made in the last tick beyond its springs'. While `bounded`, force is
     given back only as far as energy was taken: that ends a growing oscillation whatever made it
     grow. `latency_s` is from a sample to the force that answers it. `numbers` is the record.
     """
@@ -237,7 +237,7 @@ class PassivityObserver:
     ) -> float:
         """Take in one tick of the hand's own position; return the force, damped if need be.
 
-        `stored_J` is what the wall's springs hold here, at the hand, `surface_J` the work of a
+        `stored_J` is the energy of the wall's springs at the hand, `surface_J` the work of a
         surface that moves by itself in this tick: it is the environment's own. `stepped_J` is the
         part of the change of `stored_J` by which the master changed the wall around the hand.
         """
