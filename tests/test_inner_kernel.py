@@ -150,15 +150,25 @@ def test_code_from_the_cache_is_loaded_without_what_only_compiling_needs(tmp_pat
     assert not loading
 
 
-POINTER = """
-import numba
+LOADED = """
+import sys
 from teleop_rt.kernels.jit import kernel
+import numba, numpy as np
+
+@kernel
+def places(row: np.ndarray) -> int:
+    total = 0
+    for x in row:
+        total += np.searchsorted(row, x)
+    return total
 
 @kernel
 def doubled(x: float) -> float:
     for _ in range(1):
         x = 2.0 * x
     return x
+
+print(places(np.arange(4.0)), places.stats.cache_hits.total(), "scipy" in sys.modules)
 
 @numba.njit(numba.float64(numba.types.FunctionType(numba.float64(numba.float64))))
 def called(function):
@@ -169,8 +179,8 @@ print(doubled(2.0), called(doubled), doubled.stats.cache_hits.total())
 
 
 def test_a_loaded_kernel_is_complete_though_its_intermediate_code_is_not_kept(tmp_path):
-    program = tmp_path / "pointer.py"
-    program.write_text(POINTER)
+    program = tmp_path / "loaded.py"
+    program.write_text(LOADED)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 
     def printed() -> str:
@@ -179,9 +189,9 @@ def test_a_loaded_kernel_is_complete_though_its_intermediate_code_is_not_kept(tm
             command, env=environment, capture_output=True, text=True, check=True
         ).stdout
 
-    assert printed() == "4.0 16.0 0\n"
-    assert printed() == "4.0 16.0 1\n"
-    (kept,) = (tmp_path / "cache").rglob("*.nbc")
+    assert printed() == "6 0 False\n4.0 16.0 0\n"
+    assert printed() == "6 1 False\n4.0 16.0 1\n", "numba's own search is loaded without scipy"
+    (kept,) = (tmp_path / "cache").rglob("*doubled*.nbc")
     (_, _, (_, intermediate)), *_ = pickle.loads(kept.read_bytes())  # noqa: S301 - our own
     module = binding.parse_bitcode(intermediate)
     steps = [len(list(block.instructions)) for one in module.functions for block in one.blocks]

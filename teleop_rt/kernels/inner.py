@@ -18,6 +18,7 @@ from llvmlite import binding
 from numba.core import caching, codegen, compiler, registry, sigutils, targetconfig
 
 from teleop_rt.kernels.compile_lock import only_process
+from teleop_rt.kernels.lean_numba import undetected
 
 _compile_extra: Any = compiler.compile_extra
 _Flags: Any = compiler.Flags
@@ -168,7 +169,8 @@ class Cache(_FunctionCache):  # type: ignore[misc] # numba has no types
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the code of a signature, None where it is not there."""
-        return self._load_overload(sig, target_context)
+        with undetected():
+            return self._load_overload(sig, target_context)
 
 
 class Kernel(_Dispatcher):  # type: ignore[misc] # numba has no types

@@ -8,29 +8,34 @@ from __future__ import annotations
 
 import importlib
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, cast
 
-_ONLY_LOOKED_FOR = ("scipy", "scipy.linalg.cython_blas", "cffi", "coverage")
-_LOOKS_AT_ONCE = ("numba", "numba.core.typing.cffi_utils")
-_LOOKS_TO_COMPILE = "numba.np.arraymath"
+_ONLY_DETECTED = ("scipy", "scipy.linalg.cython_blas", "cffi", "coverage")
+_DETECTING = ("numba", "numba.core.typing.cffi_utils")
+_DETECTING_LATER = "numba.np.arraymath"
+"""Loaded by the compiler, and by compiled code that refers to it; a daemon's does not."""
 
 
-def _load(*names: str) -> None:
-    """Load parts of numba that detect other packages, as if these were not there."""
+@contextmanager
+def undetected() -> Iterator[None]:
+    """Let numba's modules that are loaded meanwhile find no package that they only detect."""
     modules = cast("dict[str, Any]", sys.modules)
-    hidden = [name for name in _ONLY_LOOKED_FOR if name not in modules]
+    late = _DETECTING_LATER not in modules
+    hidden = [name for name in _ONLY_DETECTED if late and name not in modules]
     modules.update(dict.fromkeys(hidden))  # Python takes None for a module that cannot be imported
     try:
-        for name in names:
-            with suppress(ImportError):
-                importlib.import_module(name)
+        yield
     finally:
         for name in hidden:
             del modules[name]
 
 
-_load(*_LOOKS_AT_ONCE)
+with undetected():
+    for _name in _DETECTING:
+        importlib.import_module(_name)
+
 import numba  # noqa: E402 - only now is it loaded leanly
 from llvmlite import binding  # noqa: E402
 from numba.core import cpu  # noqa: E402
@@ -41,11 +46,11 @@ _load_registries = _Context.load_additional_registries
 
 def _load_registries_leanly(context: Any) -> None:
     """Load what the compiler knows of Python and numpy; who only loads compiled code does not."""
-    if _LOOKS_TO_COMPILE not in sys.modules:
-        _load(_LOOKS_TO_COMPILE)
+    with undetected():
+        importlib.import_module(_DETECTING_LATER)
     _load_registries(context)
 
 
 _Context.load_additional_registries = _load_registries_leanly
 
-__all__ = ["binding", "numba"]
+__all__ = ["binding", "numba", "undetected"]
