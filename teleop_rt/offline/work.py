@@ -22,6 +22,7 @@ from teleop_rt.offline.weak_force import weak_force
 from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.scheduling import give_back_compiler
 from teleop_rt.recordings.excerpt import most_active
+from teleop_rt.recordings.memory import return_large_arrays
 from teleop_rt.recordings.recording import refuse_other_units
 from teleop_rt.trial.folder import recording_of
 
@@ -122,6 +123,7 @@ class Diagnosing:
         path = recording_of(recording)
         enter(f"reading {recording.name}")
         give_back_compiler()  # its kernels read the parts that they need again, two fifths of it
+        return_large_arrays()
         if self.test is not None:
             refuse_itself(path, recording_of(self.test))
         loaded = load_any(path, self.table)

@@ -21,7 +21,8 @@ Stretch = tuple[int, int]
 
 def stretches(chosen: NDArray[np.bool_]) -> list[Stretch]:
     """Return the stretches of consecutive chosen samples."""
-    edges = np.diff(np.concatenate(([0], chosen.astype(np.int8), [0])))
+    outside = np.zeros(1, np.int8)
+    edges = np.diff(np.concatenate((outside, chosen.astype(np.int8), outside)))
     firsts, pasts = (np.flatnonzero(sign * edges > 0).tolist() for sign in (1, -1))
     return list(zip(firsts, pasts, strict=True))
 
@@ -56,12 +57,16 @@ def force_noise(force: Vector, step: float | None = None) -> float:
 
 def quantisation_step(row: Vector) -> float:
     """Return the step of the readings if they lie on a grid, else 0."""
-    distinct = np.unique(np.abs(np.diff(row)))
-    distinct = distinct[distinct > 1e-12 * max(1.0, float(np.max(np.abs(row))))]
-    if distinct.size == 0:
+    steps = np.diff(row)  # of an hour at 1 kHz 29 MB, worked on in place
+    np.abs(steps, out=steps)
+    steps.sort()
+    least = 1e-12 * max(1.0, float(np.max(row)), -float(np.min(row)))
+    steps = steps[np.searchsorted(steps, least, side="right") :]
+    if steps.size == 0:
         return 0.0
-    step = float(distinct[0])
-    multiples: NDArray[np.float64] = distinct[:_GRID_SAMPLES] / step
+    step = float(steps[0])
+    rises = np.flatnonzero(steps[1:] > steps[:-1])[: _GRID_SAMPLES - 1]
+    multiples: NDArray[np.float64] = steps[np.append(0, rises + 1)] / step
     off = float(np.max(np.abs(multiples - np.round(multiples))))
     return step if off < _GRID_TOLERANCE else 0.0
 
