@@ -130,7 +130,7 @@ class _MachineCode(_Payload):  # type: ignore[misc] # numba has no types
     """A kernel's content on disk: its machine code, and the names of its entries."""
 
     def reduce(self, result: Any) -> tuple[Any, ...]:
-        """Return what is kept of compiled code.
+        """Return the kept part of compiled code.
 
         numba keeps its intermediate code as well, for callers that take it in, and a text of its
         types; kernels take in the inner flavour. Parsed, that code took ten times the memory of

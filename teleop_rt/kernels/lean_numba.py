@@ -45,7 +45,7 @@ _load_registries = _Context.load_additional_registries
 
 
 def _load_registries_leanly(context: Any) -> None:
-    """Load what the compiler knows of Python and numpy; who only loads compiled code does not."""
+    """Load the compiler's knowledge of Python and numpy: loading compiled code needs none."""
     with undetected():
         importlib.import_module(_DETECTING_LATER)
     _load_registries(context)
