@@ -365,3 +365,16 @@ def test_a_body_pressed_all_along_has_no_friction_that_differs_by_direction() ->
         model = replace(base, finds_surface=finds)
         left = applicable(LIBRARY, recording, model, pressed=pressed)
         assert any("by direction" in e.law for e in left) == possible
+
+
+def test_a_surface_beyond_the_uncertainty_of_its_onset_is_found() -> None:
+    # The force rises with the square of the depth, and is noise in the first third of the travel:
+    # the onset is guessed 0.76 mm deep in the body, give or take 0.48 mm.
+    record = foreign(1862021003, ("quadratic_damping",))
+    rivals = {"quadratic_damping", "viscous_friction", "direction_dependent_damping"}
+    laws = tuple(law for law in LIBRARY if law.name in rivals)
+    recording = from_arrays("record", record.t, record.position, record.force)
+    found = diagnose(recording, record.base, effects=laws)
+    assert found.answer["class"] == [["quadratic_damping"]]
+    surface = found.problem.surface - found.best.model.shift(found.best.zeta)
+    assert surface == pytest.approx(0.0, abs=1e-4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -33,6 +34,10 @@ _LEAST_COMMON = 0.05  # of a judgement's samples, on which another view is compa
 _LIKELIEST = 3  # candidates of which one shows what a view of the contact may leave
 
 
+_AT_BOUND = 0.999  # of a surface's uncertainty; a fit beyond it is cut off by the bound
+_WIDER = 3.0  # times the uncertainty whose bound a fit has reached
+
+
 class View(NamedTuple):
     """A base, and its surface [rig unit], given for sure or guessed; None if unknown."""
 
@@ -49,13 +54,43 @@ def judged(
     only mends that.
     """
     views = _views(recording, base, surface)
-    made = _judged(recording, next(views), effects)
+    made = _with_surface_free(recording, _judged(recording, next(views), effects), effects)
     while made.found.judgement.verdict != "no_missing_effect":
         if (view := next(views, None)) is None:
             break
         with suppress(RecordingError):
-            made = _judged(recording, view, effects, instead_of=made)
+            other = _judged(recording, view, effects, instead_of=made)
+            if other is not made:
+                made = _with_surface_free(recording, other, effects)
     return made
+
+
+def _with_surface_free(recording: Recording, made: Judged, effects: tuple[Effect, ...]) -> Judged:
+    """Return the judgement whose surface lies at no bound, if that explains more.
+
+    The bound of a surface is the uncertainty of an onset. A force that rises slowly hides its onset
+    deep in the body.
+    """
+    while made.found.judgement.verdict != "no_missing_effect":
+        if (view := _beyond_bound(made.found)) is None:
+            break
+        wider = _judged(recording, view, effects, instead_of=made)
+        if wider is made:
+            break
+        made = wider
+    return made
+
+
+def _beyond_bound(found: Diagnosis) -> View | None:
+    """Return the view of a surface about the bound at which the fit has it, None if at none."""
+    fit, within = found.best, found.problem.motion.scales.get("onset", 0.0)
+    if not fit.model.base.finds_surface:
+        return None
+    shift = fit.model.shift(fit.zeta)
+    if abs(shift) < _AT_BOUND * within:
+        return None
+    guess = Surface(found.problem.surface - shift, fixed=False, within=_WIDER * within)
+    return View(replace(fit.model.base, finds_surface=False), guess)
 
 
 def _judged(
