@@ -191,3 +191,15 @@ def test_noise_of_any_colour_is_noise(extra: str, force_step: float, seed: int) 
     added = _red(seed) if extra == "red" else np.zeros(_T.size)
     moved = _swung() if seed % 2 else _stepped(seed)
     assert _judged(_recorded(moved, added, seed, force_step))[0] == "no_missing_effect"
+
+
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_a_force_that_shakes_for_a_while_after_each_turn_is_no_noise(seed: int) -> None:
+    x, v = _swung()
+    rng, shaken = np.random.default_rng(seed), np.zeros(_T.size)
+    for turn in np.flatnonzero(np.diff(np.sign(v))).tolist():
+        after = _T[turn:] - _T[turn]
+        shaken[turn:] += 0.035 * rng.standard_normal(after.size) * np.exp(-after / 0.15)
+    verdict, notes = _judged(_recorded((x, v), shaken, seed))
+    assert verdict == "unexplained"
+    assert "time since the last turn" in notes

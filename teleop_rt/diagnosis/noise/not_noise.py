@@ -28,8 +28,10 @@ _LEVEL_RATIO = 3.0  # of deviations between groups, beyond that of noise; sensor
 _CAUSES = (
     ("speed", "chatter, stick-slip or vibration of the drive"),
     ("position", "a stiffness that pulsates, or a track that shakes"),
+    ("time since the last turn", "a play, a gear or a friction that each turn shakes"),
 )
 """The quantities in whose order the level of a residual is compared, and what makes it change."""
+_TURNED_SPEED = 0.05  # of the recording's; a reading's noise turns slower motion many times
 _SKEWED, _SKEW_RATIO = 0.5, 2.0  # at least, and over that of draws; a row of pulses has 1 to 2
 _PULSE_SIGMAS = 3.0  # of a residual, at which its values are cut: some rare samples are no row
 _STROKES = 4  # of a window in which a residual may follow the motion: two cycles
@@ -43,7 +45,7 @@ class Signature(NamedTuple):
     """The properties that distinguish a residual from noise of its spectrum.
 
     `repeats` is the correlation of its halves by place, `levels` the largest deviation of a group
-    of samples over the smallest, by speed and by position, `skew` how far it lies to one side,
+    of samples over the smallest, by each of `_CAUSES`, `skew` how far it lies to one side,
     without its sign, `flatness` the kurtosis within short times, and `follows` the share that a few
     cycles of the motion explain.
     """
@@ -113,7 +115,7 @@ def _draws(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> Vector:
 def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> Signature:
     rest = row[used] - np.mean(row[used])
     power = max(float(np.mean(rest**2)), 1e-300)
-    ranked = (np.abs(motion.v[used]), motion.x[used])
+    ranked = (np.abs(motion.v[used]), motion.x[used], _since_turn(motion)[used])
     orders = [np.argsort(values, kind="stable") for values in ranked]
     return Signature(
         _repeats(rest, motion.x[used], motion.v[used]),
@@ -122,6 +124,17 @@ def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> 
         _flatness(rest),
         _follows(rest, motion.x[used], motion.v[used]),
     )
+
+
+def _since_turn(motion: RecordedMotion) -> Vector:
+    """Return the number of samples since the motion last turned, or since the beginning."""
+    sides = np.where(
+        np.abs(motion.v) > _TURNED_SPEED * motion.scales["speed"], np.sign(motion.v), 0.0
+    )
+    places = np.arange(sides.size)
+    moving = np.maximum.accumulate(np.where(sides != 0.0, places, 0))
+    turned = np.diff(sides[moving], prepend=sides[0]) != 0.0
+    return np.asarray(places - np.maximum.accumulate(np.where(turned, places, 0)), dtype=np.float64)
 
 
 def _skew(rest: Vector, most: float) -> float:
