@@ -1,4 +1,4 @@
-"""Damping that grows with the depth, and a spring that pulls the axis, beside a body in contact."""
+"""Damping by depth and drag, and a spring that pulls the axis, beside a body in contact."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ def pressed(seed: int, law: str) -> Recording:
         force += 40.0 * (depth / 7e-3) ** 1.4 * v
     elif law == "spring":
         force += 300.0 * (x + 0.012)
+    elif law == "drag":
+        force += 60.0 * v * np.abs(v)
     return from_arrays(law, t, x + 0.03, force + NOISE_N * rng.normal(size=SAMPLES))
 
 
@@ -46,3 +48,12 @@ def test_a_spring_of_the_axis_shows_in_free_air_beside_the_body() -> None:
 
 def test_a_damping_that_does_not_grow_is_the_base_and_nothing_is_missing() -> None:
     assert diagnose(pressed(4, "even")).answer["verdict"] == "no_missing_effect"
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_drag_that_free_air_shows_as_well_is_named_with_its_size(seed: int) -> None:
+    answer = diagnose(pressed(seed, "drag")).answer
+    assert answer["class"] == [["quadratic_damping"]]
+    (effect,) = answer["effects"]
+    assert effect["law"] == "in air and contact"
+    assert effect["parameters"]["quadratic_damping"]["value"] == pytest.approx(60.0, rel=0.05)

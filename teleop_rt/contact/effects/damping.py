@@ -105,4 +105,13 @@ EFFECTS = (
         sentence="Damping grows from {origin} on, and with the square of the speed.",
         extends=WITHOUT_CONTACT,
     ),
+    # A cylinder's oil, or a tool under water.
+    replace(
+        _HELD_QUADRATIC,
+        law="in air and contact",
+        belongs_to="rig",
+        stage="tool",
+        sentence="Drag of {quadratic_damping} times the square of the speed, in free air, too.",
+        compensation="subtract_force",
+    ),
 )
