@@ -97,3 +97,28 @@ def test_a_bias_that_free_air_alone_shows_is_confirmed(seed: int) -> None:
     for touch in np.flatnonzero(np.diff(x > 0.0)).tolist():
         force[max(touch - 15, 0) : touch + 15] = np.nan
     assert diagnose(from_arrays("bias", t, x, force)).answer["class"] == [["force_bias"]]
+
+
+@pytest.mark.parametrize("seed", [4, 9, 11])
+def test_a_weight_on_a_crank_shows_in_free_air_and_is_named(seed: int) -> None:
+    """In contact the body's power takes most of its place."""
+    rng = np.random.default_rng(seed)
+    t = 8e-3 * np.arange(1040)
+    x, v = np.zeros(t.size), np.zeros(t.size)
+    for rate in (0.31, 0.72, 1.3):
+        w, phase, size = 2.0 * np.pi * rate, rng.uniform(0.0, 6.28), 6e-4 / (0.5 + rate)
+        x += size * np.sin(w * t + phase)
+        v += size * w * np.cos(w * t + phase)
+    depth, turned = np.maximum(x, 0.0), x / (1.3 * np.max(np.abs(x)))
+    body = 9.5e4 * depth**1.35 * (1.0 + 50.0 * v)
+    body += 0.01 * np.max(body) * (depth / np.max(depth)) ** 3  # no law is exact
+    noise = rng.standard_normal((2, t.size))
+    rates = np.fft.rfftfreq(t.size)
+    pink = np.fft.irfft(np.fft.rfft(noise[1]) / np.sqrt(np.maximum(rates, rates[1])), t.size)
+    force = body + 0.4 * turned / np.sqrt(1.0 - turned**2)
+    force += 0.035 * (noise[0] + pink / np.std(pink))
+    position = np.round((x + 0.07) / 2e-6) * 2e-6
+    answer = diagnose(
+        from_arrays("crank", t, position, force), "hunt-crossley", surface=0.07
+    ).answer
+    assert answer["class"][0] == ["return_spring"]  # the likest of the declared laws

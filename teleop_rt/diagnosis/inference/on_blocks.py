@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.answers.errors import Blocks, explained
-from teleop_rt.diagnosis.criteria import CONFIRMED_SHARE, SECOND_SHARE
+from teleop_rt.diagnosis.criteria import CONFIRMED_SHARE, REDRAWN_NOISE_RATIO, SECOND_SHARE
 from teleop_rt.diagnosis.inference.ranked import Ranked, leaves_structure
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
@@ -44,11 +44,28 @@ class OnBlocks:
         if left**2 <= SECOND_SHARE * base**2:
             return True
         if leaves_structure(ranked.left, self.found.judgement.floor):
-            unseen = self.blocks.predicted(ranked.fit, self.noise)
-            return explained(unseen) >= CONFIRMED_SHARE and self._keeps_its_gain(ranked.fit)
+            explains = self._explains(ranked.fit)
+            return explains >= CONFIRMED_SHARE and self._keeps_its_gain(ranked.fit)
         if self._acts_in_one_fold(ranked.fit):
             return True
         return self._lowers_the_error(ranked.fit) and self._keeps_its_gain(ranked.fit)
+
+    def _explains(self, fit: Fit) -> float:
+        """Return the share of the base's excess that the fit explains on blocks.
+
+        Free air counts if an effect acts there, such as a weight, whose place the base takes in
+        contact, and if the fit raises no error in contact, or the base leaves noise alone there.
+        """
+        unseen = self.blocks.predicted(fit, self.noise)
+        share, before = explained(unseen), unseen.errors["before"]
+        if all(effect.only_in_contact for effect in fit.model.effects):
+            return share
+        floor = unseen.errors["noise_floor"]
+        noise_alone = before is not None and before < REDRAWN_NOISE_RATIO * floor
+        if share < 0.0 and not noise_alone:
+            return share
+        everywhere = replace(unseen, where=self.found.problem.whitener.mask)
+        return max(share, explained(everywhere))
 
     def _lowers_the_error(self, fit: Fit) -> bool:
         """Return whether the fit leaves less of all blocks; a bias shows in free air alone."""
