@@ -78,9 +78,13 @@ def both_needed(
     if small and not takes_nearly_all(pair, best):
         return False
     left = _Remainder.of(problem, pair, best, excess, floor)
-    joint = left.criterion(problem, pair.fit)
     rivals = (best.fit,) if rival.fit is best.fit else (best.fit, rival.fit)
-    return all(left.criterion(problem, fit) - joint > CERTAIN_BIC for fit in rivals)
+    # The form of one law may explain all, and the pair leave a part to the unknown.
+    return all(
+        one.criterion(problem, fit) - one.criterion(problem, pair.fit) > CERTAIN_BIC
+        for one in (left, left.without_unknown())
+        for fit in rivals
+    )
 
 
 def extension_needed(
@@ -150,10 +154,11 @@ class _Remainder:
 
     The unknown function makes every gain less certain (quasi-likelihood), but for that of a tone.
     `inside` and `outside` are variances per direction, within the `directions` of the flexible
-    description and beyond it: 1 is that of the noise model.
+    description and beyond it: 1 is that of the noise model, and `noise` what its doubt allows.
     """
 
     directions: Matrix
+    noise: float
     inside: float
     outside: float
 
@@ -176,7 +181,11 @@ class _Remainder:
         outside = noise if any(map(adds_tone, added)) else noise + unknown
         in_contact = all(effect.only_in_contact for effect in alone.fit.model.effects)
         flexible = problem.flexible_in_contact if in_contact else problem.flexible
-        return cls(flexible.directions, inside, outside)
+        return cls(flexible.directions, noise, inside, outside)
+
+    def without_unknown(self) -> _Remainder:
+        """Return the remainder of noise alone."""
+        return replace(self, inside=self.noise, outside=self.noise)
 
     def _weighed(self, rows: Matrix) -> Matrix:
         within: Matrix = (rows @ self.directions) @ self.directions.T
