@@ -140,13 +140,13 @@ def effect_entry(
 def effects_of(
     problem: Problem, base: Fit, judgement: Judgement, floor: Matrix, units: tuple[str, str]
 ) -> list[dict[str, Any]]:
-    """Return the fitted effects of the best set, with the shares that they explain."""
+    """Return the fitted effects of the best set and the shares that they explain, largest first."""
     if not judgement.sets:
         return []
     best = judgement.sets[0]
     spread = covariance(problem, best.fit, floor)
     whole = share_explained(best, judgement)
-    return [
+    found = [
         effect_entry(
             effect,
             parameters_of_effect(best.fit, i, effect, spread, units),
@@ -155,6 +155,8 @@ def effects_of(
         )
         for i, effect in enumerate(best.fit.model.effects)
     ]
+    # Which member of a set is fitted first may hang on a rounding error.
+    return sorted(found, key=lambda effect: -effect["explains"])
 
 
 def candidates_of(candidates: Sequence[Ranked], judgement: Judgement) -> list[dict[str, Any]]:
