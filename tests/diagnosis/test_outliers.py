@@ -151,3 +151,21 @@ def test_several_wrong_samples_close_together_are_all_found() -> None:
     assert answer["class"] == [["outliers"]]
     assert answer["effects"][0]["parameters"]["share"]["value"] == pytest.approx(0.01, rel=1e-6)
     assert answer["error"]["after_over_floor"] < 1.05
+
+
+def test_wrong_samples_one_good_one_apart_are_found_though_either_hides_the_other() -> None:
+    depth, force = pressed(2e-3)
+    wrong = np.zeros(force.size)
+    for first in range(300, 3800, 350):
+        wrong[[first, first + 2]] = -14.0, -10.0
+    assert np.array_equal(outliers(force + wrong, depth, 0.05, 2e-3) > 0.0, wrong != 0.0)
+
+
+def test_wrong_samples_that_make_most_steps_of_a_fast_force_are_found_in_its_residual() -> None:
+    depth, force = pressed(2e-3)
+    for first in range(300, 3800, 350):
+        force[[first, first + 150, first + 158, first + 160]] -= 7.0, 7.0, -5.8, 7.6
+    recording = from_arrays("loose", 2e-3 * np.arange(force.size), depth, force)
+    answer = diagnose(recording, "spring,viscous,bias").answer
+    assert answer["class"] == [["outliers"]]
+    assert answer["effects"][0]["parameters"]["share"]["value"] == pytest.approx(0.01, rel=1e-6)
