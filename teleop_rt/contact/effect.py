@@ -122,6 +122,7 @@ class Effect:
     do not exclude it, it stays in the answer beside this law.
     `fades` is how many ways there are in which a past that nobody recorded may still act on a
     memory that is linear in the penetration and fades: what of it a fit has to find.
+    `moves_mass` states that a position that the rig moves carries the tool's mass along.
     `extends` is the law of the same name to which this one adds shapes: its fit starts there.
     """
 
@@ -142,6 +143,7 @@ class Effect:
     like: tuple[str, ...] = ()
     fades: int = 0
     extends: str | None = None
+    moves_mass: bool = True
 
     @property
     def without_contact(self) -> bool:

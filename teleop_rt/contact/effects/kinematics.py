@@ -77,6 +77,9 @@ def _play_from_unloading_flank(
     return _drag(state, x, eta[0], 0.0)
 
 
+BEYOND_THE_MASS = "beyond the tool's mass"
+
+
 def _play(law: str, step: StepFunction) -> Effect:
     """Declare a play by the flank on which the surface was given."""
     return Effect(
@@ -178,6 +181,11 @@ EFFECTS = (
     _play("centred", _play_centred),
     _play("from the loading flank", _play_from_loading_flank),
     _play("from the unloading flank", _play_from_unloading_flank),
+    replace(
+        _play(BEYOND_THE_MASS, _play_centred),
+        sentence="A play of {gap} lies between the tool and its tip.",
+        moves_mass=False,
+    ),
     Effect(
         name="channel_delay",
         family="delay",

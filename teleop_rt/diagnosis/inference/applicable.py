@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects.kinematics import BEYOND_THE_MASS
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
@@ -45,11 +46,16 @@ def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
 
     An estimated surface covers an offset and the flank of a play. Friction by direction equals
     symmetric friction and a bias (only a rest separates them); so does the surface of a body that
-    is `pressed` all along. A base with a power has a damping that grows with the depth.
+    is `pressed` all along. A base with a power has a damping that grows with the depth. Without the
+    tool's mass, a play beyond it is any play.
     """
     if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
         return True
     if base.has_power and effect.name == "hunt_crossley":
+        return True
+    if effect.name == "tool_inertia":
+        return base.moves_mass
+    if effect.law == BEYOND_THE_MASS and not base.moves_mass:
         return True
     shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)
     return shifts and any(shape.name == _BY_DIRECTION for shape in effect.shapes)

@@ -57,6 +57,11 @@ class Base:
         return any(term.function is _acceleration for term in self.terms)
 
     @property
+    def moves_mass(self) -> bool:
+        """Return whether the tool's own mass is a term, which acts in free air as well."""
+        return TERMS["mass"] in self.terms
+
+    @property
     def has_spring(self) -> bool:
         """Return whether a body's stiffness is a term."""
         return any(term.function is _depth for term in self.terms)

@@ -62,7 +62,7 @@ class Course:
             if effect.acts == "moves_position":
                 way, rate = _way(effect, motion, Place(x, v, shift if still else None), eta)
                 x, v, still = x + amplitude * way, v + amplitude * rate, False
-                if effect.belongs_to == "rig" and model.base.has_mass:
+                if effect.belongs_to == "rig" and effect.moves_mass and model.base.has_mass:
                     a = a + amplitude * _smooth_part(rate_of(rate, motion.dt))
         lag = sum(amplitude for effect, (amplitude, _) in pairs if effect.acts == "shifts_time")
         felt = Place(x, v, shift if still else None)
