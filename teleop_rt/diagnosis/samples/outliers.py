@@ -12,9 +12,6 @@ from teleop_rt.recordings.rows import MAD_PER_DEVIATION
 OUTLIERS = "outliers"  # name of the effect
 _OUTLIER_SIGMAS = 8.0  # deviations of the noise; a sample farther from its neighbours is wrong
 _STEP_SAMPLES = 21  # around a sample, of which the usual step is taken
-_OF_FORCE, OF_RESIDUAL = 0.8, 0.6
-"""Shares of the steps there that the usual step exceeds. A residual has no motion, whose fast
-reversals are as rare as wrong samples; of three of these within ten, each makes two steps."""
 _STEP_RATIO = 2.0  # times that step; a tool's own motion changes as fast before and after
 # Samples and s: a burst of errors. Longer, the force may be one that moves something.
 _LONGEST_BURST, _LONGEST_BURST_S = 4, 0.01
@@ -63,23 +60,23 @@ def _local_deviation(row: Vector) -> Vector:
     return np.asarray(np.max(middle, axis=0) / (MAD_PER_DEVIATION * 6.0**0.5), dtype=np.float64)
 
 
-def _usual_step(row: Vector, share: float) -> Vector:
-    """Return the step between samples that a share of those around each sample does not exceed."""
+def _usual_step(row: Vector) -> Vector:
+    """Return the step between samples that four in five around each sample do not exceed."""
     steps = np.abs(np.diff(row, prepend=row[:1]))
-    return running_rank(steps, _STEP_SAMPLES, share)
+    return running_rank(steps, _STEP_SAMPLES, 0.8)
 
 
-def outliers(force: Vector, x: Vector, noise: float, dt: float, usual: float = _OF_FORCE) -> Vector:
+def outliers(force: Vector, x: Vector, noise: float, dt: float) -> Vector:
     """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
 
     Up to `_LONGEST_BURST_S` of them in a row. The neighbours must agree among themselves, and
     almost exactly where the tool crosses the surface beside them, so neither an impact nor a step
     is an outlier. Around them the row must be steadier, so neither a period of a tone nor the force
-    of a fast reversal is one: a share of the steps there is below the `usual` step.
+    of a fast reversal is one.
     """
     found = np.zeros(force.size, dtype=np.bool_)
     least = np.maximum(_OUTLIER_SIGMAS * noise, _OUTLIER_RATIO * _local_deviation(force))
-    least = np.maximum(least, _STEP_RATIO * _usual_step(force, usual))
+    least = np.maximum(least, _STEP_RATIO * _usual_step(force))
     crossings = np.abs(np.diff(touches(x).astype(np.float64), prepend=float(touches(x[:1])[0])))
     beside = np.convolve(crossings, np.ones(2 * _SURFACE_SAMPLES + 1), mode="same")
     allowed = np.select([beside == 0.0, beside == 1.0], [0.5, _TOUCH_SPREAD], 0.0)

@@ -20,7 +20,7 @@ from teleop_rt.diagnosis.samples.converter import without_steps
 from teleop_rt.diagnosis.samples.lost_contact import FEWEST_FREE_SAMPLES, without_contact
 from teleop_rt.diagnosis.samples.motion import motion_of, position_noise, settling
 from teleop_rt.diagnosis.samples.onset import Surface
-from teleop_rt.diagnosis.samples.outliers import OF_RESIDUAL, outliers
+from teleop_rt.diagnosis.samples.outliers import outliers
 from teleop_rt.diagnosis.samples.smoothing import (
     HALF_WINDOWS_S,
     half_window,
@@ -195,7 +195,7 @@ def lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Vector:
     while True:
         good = seen == 0.0
         beside = np.interp(places, places[good], residual[good])
-        more = outliers(beside, motion.x, noise, dt, OF_RESIDUAL) * used * good
+        more = outliers(beside, motion.x, noise, dt) * used * good
         if not np.any(more):
             return seen
         seen = np.maximum(seen, more)
