@@ -145,16 +145,20 @@ class _MachineCode(_Payload):  # type: ignore[misc] # numba has no types
 
 
 def _entries(description: Any) -> bytes:
-    """Return intermediate code that defines a function's entries without content.
+    """Return intermediate code that defines a function's entries without their content.
 
-    numba looks there whether there is an entry, and asks the machine code for its address.
+    numba looks there whether there is an entry, and asks the machine code for its address. Code
+    that took these entries in, or ran them, would stop the process, and not go on with a wrong
+    number.
     """
     names = (
         description.llvm_func_name,
         description.llvm_cpython_wrapper_name,
         description.llvm_cfunc_wrapper_name,
     )
-    text = "".join(f'define void @"{name}"() {{\n  ret void\n}}\n' for name in names)
+    stops = "{\n  call void @llvm.trap()\n  unreachable\n}\n"
+    text = "declare void @llvm.trap()\n"
+    text += "".join(f'define void @"{name}"() {stops}' for name in names)
     code: bytes = binding.parse_assembly(text).as_bitcode()
     return code
 
