@@ -2,6 +2,7 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numba
 import pytest
@@ -96,19 +97,20 @@ print(*sorted(path.name.split("-")[0] for path in jit.kernel_folder(Path(__file_
 """
 
 
+def printed(program: Path) -> str:
+    """Return the output of a program, with a cache of kernels beside it."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(program.parent / "cache")}
+    command = [sys.executable, program]
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True
+    ).stdout
+
+
 def test_only_the_outermost_kernel_is_cached_with_all_that_any_branch_calls(tmp_path):
     program = tmp_path / "branches.py"
     program.write_text(BRANCHES)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-
-    def printed() -> str:
-        command = [sys.executable, program]
-        return subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=True
-        ).stdout
-
-    assert printed() == "8.0 0\nbranches.outermost\n"
-    assert printed() == "8.0 1\nbranches.outermost\n"
+    assert printed(program) == "8.0 0\nbranches.outermost\n"
+    assert printed(program) == "8.0 1\nbranches.outermost\n"
 
 
 def test_options_of_the_compiler_are_equal_where_all_their_values_are(monkeypatch):
@@ -181,16 +183,10 @@ print(doubled(2.0), called(doubled), doubled.stats.cache_hits.total())
 def test_a_loaded_kernel_is_complete_though_its_intermediate_code_is_not_kept(tmp_path):
     program = tmp_path / "loaded.py"
     program.write_text(LOADED)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-
-    def printed() -> str:
-        command = [sys.executable, program]
-        return subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=True
-        ).stdout
-
-    assert printed() == "6 0 False\n4.0 16.0 0\n"
-    assert printed() == "6 1 False\n4.0 16.0 1\n", "numba's own search is loaded without scipy"
+    assert printed(program) == "6 0 False\n4.0 16.0 0\n"
+    assert printed(program) == "6 1 False\n4.0 16.0 1\n", (
+        "numba's own search is loaded without scipy"
+    )
     (kept,) = (tmp_path / "cache").rglob("*doubled*.nbc")
     (_, _, (_, intermediate)), *_ = pickle.loads(kept.read_bytes())  # noqa: S301 - our own
     module = binding.parse_bitcode(intermediate)

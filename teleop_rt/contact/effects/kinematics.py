@@ -77,7 +77,7 @@ def _play_from_unloading_flank(
     return _drag(state, x, eta[0], 0.0)
 
 
-BEYOND_THE_MASS = "beyond the tool's mass"
+BEYOND_THE_MASS = "beyond the tool's mass"  # law of a play between the tool and its tip
 
 
 def _play(law: str, step: StepFunction) -> Effect:
