@@ -17,7 +17,7 @@ from teleop_rt_dev.campaign import measured as campaign  # noqa: E402 - beside t
 from teleop_rt_dev.diagnosis.greedy_rival import BLOCKS, FOLDS, Sampled, fitted, sampled  # noqa: E402 - as above
 
 DATA = os.environ.get("TELEOP_RT_DATA", "")
-# What another engineer's script prints for the same recordings: base, greedy (5 Hz, no phase).
+# Figures of another engineer's script for the same recordings: base, greedy (5 Hz, no phase).
 PUBLISHED = {
     "pneumatic/pn_Circle_3bar.csv": (0.102, 0.055),
     "pneumatic/pn_NAPN_3bar.csv": (0.096, 0.041),

@@ -158,7 +158,7 @@ def test_an_encoder_s_noise_is_distinguished_from_its_steps() -> None:
 
 
 def test_samples_taken_a_little_early_or_late_are_no_delay() -> None:
-    """Their stamps are true; where a damper's force jumps, what lies between is a guess."""
+    """Their stamps are true; where a damper's force jumps, the values between are a guess."""
     seed = 1
     rng = np.random.default_rng(seed)
     even, _ = pressed(1000.0, 10.0, seed)

@@ -276,7 +276,7 @@ def test_the_base_finds_the_surface_despite_the_jumps_beside_it(seed: int) -> No
     assert surface == pytest.approx(4.0 * depth, abs=5e-5 * depth)
 
 
-# What moves the contact, and what may stand in for an effect whose surface lies elsewhere.
+# Effects that move the contact, and those that may replace an effect whose surface lies elsewhere.
 _RIVALS = ("moving_surface", "channel_delay", "backlash", "permanent_set", "adhesion",
            "second_layer", "fractional_relaxation", "force_bias")  # fmt: skip
 
@@ -285,7 +285,7 @@ _RIVALS = ("moving_surface", "channel_delay", "backlash", "permanent_set", "adhe
     ("seed", "effect"),
     [
         (138755902, "tool_inertia"),  # the mass struck at each touch moves every onset alike
-        (1758025722, "permanent_set"),  # the surface lies in a valley with what moves it
+        (1758025722, "permanent_set"),  # its offset and the surface's trade against each other
         (850015244, "stress_relaxation"),  # the contact's jumps spoil the descent of the rest
     ],
 )

@@ -86,7 +86,7 @@ class Candidate(Keys):
     delta_bic: float
     """Evidence for the set over the base alone, as a difference of BIC [1]."""
     explains: float
-    """Share of what the base leaves that it explains [0 to 1]."""
+    """Share of the base's residual that it explains [0 to 1]."""
 
 
 class Nearest(Keys):
@@ -97,7 +97,7 @@ class Nearest(Keys):
     family: Family
     """Family of its first effect."""
     share: float
-    """Share of what the base leaves that it explains [0 to 1]."""
+    """Share of the base's residual that it explains [0 to 1]."""
     before: float | None
     """NRMSE of the base on unseen data [1]; null where it is not defined."""
     after: float | None

@@ -94,8 +94,8 @@ def _size(
 ) -> float:
     """Return the amplitude at which whitened columns (1 or 2 x values) are detected at 0.95.
 
-    For two columns (the phases of one effect), the direction that is harder to detect counts. What
-    a `shift` of the surface by up to one step takes is not detected.
+    For two columns (the phases of one effect), the direction that is harder to detect counts. The
+    part that a `shift` of the surface by up to one step explains is not detected.
     """
     beyond = columns - (columns @ own) @ own.T
     _, lengths, directions = np.linalg.svd(beyond, full_matrices=False)

@@ -33,8 +33,8 @@ _KEPT_GAIN = 0.005  # of the mean square: a term that gains less beside the othe
 class Law:
     """A drafted law: its terms, largest first, with the force [rig unit] that each makes.
 
-    `only_in_contact`: it is 0 in free air. `shares` are what of the base's mean square depends on
-    each group, by Shapley's value of the groups' worth on hidden blocks.
+    `only_in_contact`: it is 0 in free air. `shares` are the parts of the base's mean square that
+    depend on each group, by Shapley's value of the groups' worth on hidden blocks.
     """
 
     terms: tuple[Term, ...]

@@ -39,11 +39,11 @@ _HIDDEN = (
 
 @dataclass(frozen=True)
 class Judged:
-    """The judgement `found`, and what it was made from.
+    """The judgement `found`, and the fits and blocks that it was made from.
 
     `weighed` has the weights that follow the noise, `plain` equal weights on all frequencies;
-    `blocks` are the held-out blocks, and `signs` the properties of what is left that noise does not
-    have.
+    `blocks` are the held-out blocks, and `signs` the properties of the best set's residual that
+    noise does not have.
     """
 
     weighed: Diagnosis
@@ -81,7 +81,7 @@ def confirmed(recording: Recording, weighed: Diagnosis, effects: tuple[Effect, .
 
 
 def _nothing_missing(weighed: Diagnosis) -> Judged:
-    """Return the judgement that nothing is missing, "unexplained" if what is left is no noise."""
+    """Return the judgement that nothing is missing, "unexplained" if the residual is no noise."""
     if signs := not_noise(weighed.problem, weighed.base, weighed.errors):
         unexplained = replace(weighed.judgement, verdict="unexplained")
         weighed = replace(weighed, judgement=unexplained)
@@ -89,7 +89,7 @@ def _nothing_missing(weighed: Diagnosis) -> Judged:
 
 
 def _hiding(weighed: Diagnosis, note: str) -> Judged:
-    """Return the judgement that nothing is missing but what the noise hides."""
+    """Return the judgement that any missing effect is too small for this noise."""
     nothing = replace(weighed.judgement, verdict="no_missing_effect", sets=(), family=None)
     made = _nothing_missing(replace(weighed, judgement=nothing))
     return replace(made, signs=made.signs or [note])
@@ -221,7 +221,7 @@ def _predicts_worse(weighed: Diagnosis, plain: Diagnosis) -> bool:
 
 
 def noise_of(weighed: Diagnosis, in_air: tuple[Fit, ...] = ()) -> float:
-    """Return the standard deviation of what noise alone leaves of the recording's force.
+    """Return the standard deviation of the force's residual under a perfect model.
 
     For fits `in_air` see `NoiseLevels.perfect`.
     """

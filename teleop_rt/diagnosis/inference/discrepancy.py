@@ -35,7 +35,7 @@ def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: 
     than `noise`, or if it has two or more effects, leaves more than the form error of any law, and
     its residual is larger than the `known` noise, that of the fastest differences or of free air
     (`left`, `known` and `noise` are deviations of the force): a noise of free colour may have
-    absorbed what the laws miss.
+    absorbed a force that the laws do not describe.
     """
     before, after = (blind_energy(plain.problem, fit) for fit in (plain.base, plain.best))
     loud = left > EXCESS_NOISE_RATIO * known and after > SECOND_SHARE * before

@@ -230,7 +230,7 @@ def _named_part(
     """Return the effects of a set that each explain a fifth or more of the base's excess.
 
     A smaller effect counts if the effects before it explain too little to be named without it
-    (`NAMED_SHARE`), and it explains four fifths of what they leave above the noise: no other law
+    (`NAMED_SHARE`), and it explains four fifths of their residual above the noise: no other law
     explains that much of the error of a law's form.
     The effect that explains most comes first: a damping tried before a friction would absorb its
     share. Of two equal effects, the one within its bounds comes first. The energy of a tone is no

@@ -79,7 +79,7 @@ def _likelier_than_form(
 ) -> list[Ranked]:
     """Return the pairs without those that fit no better than the form error of their first effect.
 
-    A likelier pair among those `tried` that is not needed shows what that error may be.
+    A likelier pair among those `tried` that is not needed shows how large that error may be.
     """
 
     def first(pair: Ranked) -> str:

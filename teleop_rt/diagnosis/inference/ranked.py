@@ -1,4 +1,4 @@
-"""Fitted candidate sets, and what each explains of the base's residual."""
+"""Fitted candidate sets, and the share of the base's residual that each explains."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Diagnosis:
         return float(np.sqrt(self.problem.mean_square(fit, where)))
 
     def noise_levels(self, fit: Fit) -> NoiseLevels:
-        """Return what noise may leave beside a fit."""
+        """Return the levels of noise that a fit may leave as its residual."""
         where = held_out.counted(self.problem, fit)
         return NoiseLevels(self.problem, fit, self.input_errors, where)
 

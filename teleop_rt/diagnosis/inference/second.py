@@ -38,8 +38,8 @@ _REST_LEFT = 0.02
 error: partners that imitate form errors leave 0.2 to 0.9 of it, effects that are there 0.03 or
 less."""
 _NEARLY_NOTHING = 0.1
-"""The same share for a small effect beside a large one, whose form leaves a part: half of what
-partners leave that imitate form errors. Chance must be smaller than what those leave."""
+"""The same share for a small effect beside a large one, whose form leaves a part: half of the
+residual of partners that imitate form errors. Chance must be smaller than their residual."""
 _SHORTEST_MEMORY = 5.0  # samples; a shorter delay shows nothing beside the noise
 _LONGEST_MEMORY = 1.0 / 3.0  # of the recording; a longer one is a drift
 _MEMORIES = 5  # time constants between the two, a few of them in each decade
@@ -98,7 +98,7 @@ def extension_needed(
     """Return whether a pair is needed over the one with a special case of one of its effects.
 
     It is if it is likelier beside the form errors of its laws, and gains more than another form of
-    that special case could (`SECOND_SHARE` of what this explains beside the other member).
+    that special case could (`SECOND_SHARE` of this one's gain beside the other member).
     `excess` and `floor` are those of `both_needed`.
     """
     beside = [singles[name] for name in pair.fit.names if name in singles]
@@ -126,7 +126,7 @@ def _rest(ranked: Ranked) -> float:
 
 
 def takes_nearly_all(pair: Ranked, alone: Ranked) -> bool:
-    """Return whether a pair takes nine tenths of what its first effect leaves, beside chance.
+    """Return whether a pair explains nine tenths of its first effect's residual, beside chance.
 
     It must in the structure or in all values, where chance is small enough to show it, and leave
     clearly more in neither.
@@ -154,7 +154,8 @@ class _Remainder:
 
     The unknown function makes every gain less certain (quasi-likelihood), but for that of a tone.
     `inside` and `outside` are variances per direction, within the `directions` of the flexible
-    description and beyond it: 1 is that of the noise model, and `noise` what its doubt allows.
+    description and beyond it: 1 is that of the noise model, and `noise` the largest that its doubt
+    allows.
     """
 
     directions: Matrix

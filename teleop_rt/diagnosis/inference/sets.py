@@ -31,8 +31,8 @@ OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one r
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
-# Of chi-square. Below it a second harmonic only adapts to what no law of the set describes: on
-# measured recordings it took off up to 18 %, and the error on other blocks rose by half.
+# Of chi-square. Below it a second harmonic only adapts to forces that no law of the set describes:
+# on measured recordings it took off up to 18 %, and the error on other blocks rose by half.
 _LEAST_EXTENSION = 0.25
 _EVALUATIONS = 8  # of a descent at a lower rate; sets are compared by their error
 _LAST_EVALUATIONS = 3  # of the likeliest fits at the full rate, from the optimum at the lower one
@@ -129,18 +129,18 @@ def _special_cases(
 
 @dataclass(frozen=True)
 class _Steps:
-    """Extensions of sets by one effect; what a search with fewer effects needs again is kept."""
+    """Extensions of sets by one effect; results that a smaller search needs again are kept."""
 
     problem: Problem
     base: Fit
     lower: tuple[Coarse, Coarse]
     kept: dict[tuple[str, int], tuple[object, Any]] = field(default_factory=dict)
 
-    def _once(self, what: str, of: object, make: Callable[[], _T]) -> _T:
+    def _once(self, step: str, of: object, make: Callable[[], _T]) -> _T:
         """Return the result of `make` for an object, which is kept so that its id stays its own."""
-        if (what, id(of)) not in self.kept:
-            self.kept[what, id(of)] = of, make()
-        made: _T = self.kept[what, id(of)][1]
+        if (step, id(of)) not in self.kept:
+            self.kept[step, id(of)] = of, make()
+        made: _T = self.kept[step, id(of)][1]
         return made
 
     @cached_property

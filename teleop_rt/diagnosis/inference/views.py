@@ -31,7 +31,7 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.recording import Recording
 
 _LEAST_COMMON = 0.05  # of a judgement's samples, on which another view is compared
-_LIKELIEST = 3  # candidates of which one shows what a view of the contact may leave
+_LIKELIEST = 3  # candidates of which one shows the residual that a view of the contact may leave
 
 
 _AT_BOUND = 0.999  # of a surface's uncertainty; a fit beyond it is cut off by the bound
@@ -137,7 +137,7 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
 
 
 def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
-    """Return whether a view may explain what the judgement lacks, at little cost.
+    """Return, at little cost, whether a view may explain the judgement's missing part.
 
     Where a set is named, another kind of base must leave less than that of the judgement without
     any effect.

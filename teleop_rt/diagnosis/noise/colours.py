@@ -15,7 +15,7 @@ _VANISHING_WEIGHT = 1e-3  # of all weights; a colour with less does not count
 _POWERS = (0.5, 1.0, 1.5, 2.0)  # of 1/f; from flicker to a random walk
 # No lower corner: the fit absorbs the lowest bins, so no data support a flat density there.
 _CORNERS_HZ = (15.0, 50.0)
-_LOWEST_RESONANCE_HZ = 5.0  # Hz; motions of hand and rig, and what they excite, lie below
+_LOWEST_RESONANCE_HZ = 5.0  # Hz; motions of hand and rig, and swings that they excite, lie below
 _DAMPING = (0.02, 0.05, 0.15)  # of critical, of a mounted sensor; half a decade apart
 _LEAST_PEAK_RATIO = 5.0  # times the other noise; a smaller hump may be the error of a law
 

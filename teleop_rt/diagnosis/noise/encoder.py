@@ -38,7 +38,7 @@ def input_errors(motion: RecordedMotion, recording: Recording) -> list[RecordedM
     that the readings allow: at constant speed, steps and samples beat, and the rest of that beat in
     the smoothed position would hide it, unless noise breaks it. Where the motion has steps, the
     derivatives are those of an unknown instant within half a period (see `samples.steps`);
-    elsewhere they lack what their window removes of the motion.
+    elsewhere they lack the part of the motion that their window removes.
     """
     step = resolution_step(recording.position, recording.dt)
     half = motion.half
@@ -79,7 +79,7 @@ def input_errors(motion: RecordedMotion, recording: Recording) -> list[RecordedM
 
 
 def _between_samples(motion: RecordedMotion) -> tuple[Vector, Vector]:
-    """Return what central differences of the samples make of velocity and acceleration.
+    """Return the difference that central differences make to velocity and acceleration.
 
     How the tool moves between two samples is not recorded. The polynomial takes it to be smooth;
     differences take another course, which a model's force must not depend on. Noise of the

@@ -70,8 +70,8 @@ class NoiseLevels:
     def quick(self) -> float:
         """That of noise that changes faster than the motion.
 
-        It is what the residual changes by while the motion changes by `_STILL`, and at least the
-        `fast` noise. An amplifier's noise has less of the latter than of what is a little slower.
+        It is the change of the residual while the motion changes by `_STILL`, and at least the
+        `fast` noise. An amplifier's noise is weaker there than at slightly lower frequencies.
         """
         used = (self.where > 0.0) & (self.problem.whitener.mask > 0.0)
         return max(self.fast, self._changes(used, _STILL * _time_scale(self.problem.motion)))
@@ -80,8 +80,9 @@ class NoiseLevels:
     def in_air(self) -> float:
         """That of the noise that free air shows; 0 without free air.
 
-        Of the residual there, what changes within `_QUICK_S` is noise of any colour, and so is 1/f
-        noise with the fast noise of this force. The rest may be an effect, such as a friction.
+        The part of the residual there that changes within `_QUICK_S` is noise of any colour, and
+        so is 1/f noise with the fast noise of this force. The rest may be an effect, such as a
+        friction.
         """
         air = float(np.sqrt(_in_free_air(self.problem, self.fit)))
         if not np.isfinite(air):
@@ -137,7 +138,7 @@ class NoiseLevels:
         return energy / max(float(np.mean(self.where)), 1e-9) / self.problem.force.size**2
 
     def _changes(self, used: NDArray[np.bool_], within: float) -> float:
-        """Return the deviation of what the residual of `used` samples changes by `within` a time.
+        """Return the deviation of the residual's changes `within` a time, of the `used` samples.
 
         Medians of its differences at several distances [s] leave out rare jumps, as at reversals.
         """

@@ -30,7 +30,7 @@ _CAUSES = (
     ("position", "a stiffness that pulsates, or a track that shakes"),
     ("time since the last turn", "a play, a gear or a friction that each turn shakes"),
 )
-"""The quantities in whose order the level of a residual is compared, and what makes it change."""
+"""The quantities in whose order the level of a residual is compared, and causes of its change."""
 _TURNED_SPEED = 0.05  # of the recording's; a reading's noise turns slower motion many times
 _SKEWED, _SKEW_RATIO = 0.5, 2.0  # at least, and over that of draws; a row of pulses has 1 to 2
 _PULSE_SIGMAS = 3.0  # of a residual, at which its values are cut: some rare samples are no row
@@ -73,7 +73,7 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     found = []
     if seen.repeats > max(_REPEATED, float(np.max(repeats))):
         found.append(
-            "what the base leaves repeats with the position (correlation of both halves of the"
+            "the base's residual repeats with the position (correlation of both halves of the"
             f" recording {seen.repeats:.2f}): a force along the travel that no effect describes,"
             " such as a rough track, a friction at one place or a drive's own; record its map, or"
             " draft a law for --effects"
@@ -81,24 +81,24 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     for ratio, most, cause in zip(seen.levels, np.max(levels, axis=0), _CAUSES, strict=True):
         if ratio > _LEVEL_RATIO * most:
             found.append(
-                f"what the base leaves looks like noise, but its level changes with the {cause[0]},"
+                f"the base's residual looks like noise, but its level changes with the {cause[0]},"
                 f" by a factor of {ratio:.2g}: {cause[1]}, no sensor"
             )
     if seen.skew > max(_SKEWED, _SKEW_RATIO * float(np.max(skew))):
         found.append(
-            "what the base leaves has the spectrum of noise, but lies to one side: pulses of force"
+            "the base's residual has the spectrum of noise, but lies to one side: pulses of force"
             " at some moments, such as a muscle's, a valve's or a knock; the figure of the residual"
             " shows when"
         )
     if seen.flatness < min(_FLATTEST, float(np.min(flatness))):
         found.append(
-            "what the base leaves looks like noise, but has an even amplitude: it jumps between two"
+            "the base's residual looks like noise, but has an even amplitude: it jumps between two"
             " levels (check plugs and wires of the force sensor, and its mount for play), or is a"
             " tone whose frequency changes, as of a motor that runs up"
         )
     if seen.follows > _FOLLOWING and _odds(seen.follows) > _FOLLOWING_RATIO * _odds(max(follows)):
         found.append(
-            "what the base leaves has the spectrum of noise, but follows the motion for some cycles"
+            "the base's residual has the spectrum of noise, but follows the motion for some cycles"
             f" ({seen.follows:.0%} of it is proportional to position and velocity there): the body,"
             " or a gain, changes in time, or something swings with the motion"
         )

@@ -120,7 +120,8 @@ class AirContactNoise:
     `air` and `touch` are the samples; `typical` and `scatter` are mean and standard deviation of
     the logarithm of the sensor noise's power in contact over that in free air, `errors` and
     `errors_scatter` those of the power [force^2] that the errors of encoder and converter have in
-    contact; `steady` is what the converter's may be in free air, where they are always the same.
+    contact; `steady` is the largest power of the converter's in free air, where they are always the
+    same.
     """
 
     air: NDArray[np.bool_]
@@ -140,7 +141,7 @@ def air_and_contact(problem: Problem) -> tuple[NDArray[np.bool_], NDArray[np.boo
 
 
 def pressed_all_along(problem: Problem) -> bool:
-    """Return whether too few samples are in free air to show what acts there."""
+    """Return whether too few samples are in free air to show the forces there."""
     air, _ = air_and_contact(problem)
     return bool(np.count_nonzero(air) < FREE_AIR * air.size)
 

@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.noise import slow
 from teleop_rt.diagnosis.noise.colours import Spectrum, density_of
 
 Places = NDArray[np.intp]
-BAND_HZ = 250.0  # Hz; motions of hand and rig, and what they excite, lie below
+BAND_HZ = 250.0  # Hz; motions of hand and rig, and swings that they excite, lie below
 _LINE_POWER_RATIO = 5.0  # times the typical power of a bin; a larger power is a line, no noise
 # Longest hole that a line bridges, in samples and in s: slower signals pass unchanged.
 _BRIDGED_SAMPLES, _BRIDGED_S = 4, 4e-3
@@ -223,7 +223,7 @@ def estimate(noise: Left, whole: Left, whitener: Whitener, dt: float) -> Whitene
 def _largest_density(whole: Left, whitener: Whitener) -> Vector:
     """Return the largest noise density of each bin, from the residual power of its octave.
 
-    The mean power of eight bins is below a quarter of what it should be once in two thousand times.
+    The mean power of eight bins is below a quarter of its true value once in two thousand times.
     """
     edges = [0, *(_LOWEST_OCTAVE_BINS * 2 ** np.arange(32)).tolist()]
     starts = np.array([edge for edge in edges if edge < whitener.bins])

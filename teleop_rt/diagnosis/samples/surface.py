@@ -255,6 +255,6 @@ def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
     stiffest = _STIFFEST_STATED_N_PER_M if recording.units_stated else _STIFFEST_N_PER_M
     if stiffness is not None and stiffness > stiffest:
         raise RecordingError(
-            f"{recording.name}: wrong unit? a spring of {stiffness:.2g} N/m is stiffer than what"
-            " such a rig can press on; check the units of position and force"
+            f"{recording.name}: wrong unit? a spring of {stiffness:.2g} N/m is stiffer than any"
+            " body that such a rig can press on; check the units of position and force"
         )
