@@ -74,7 +74,7 @@ def link(_folder: Path) -> Target:
 
 
 def control(folder: Path) -> Target:
-    """Requests at the control socket of a session without a loop."""
+    """Requests at the control socket of a ring folder without a loop."""
     server = CommandServer(folder)
     seeds = [b'{"command": "%s"}' % name for name in (b"stop", b"arm", b"status", b"reload")]
 

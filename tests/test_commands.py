@@ -154,8 +154,8 @@ from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.shipped import example
 from teleop_rt.trial.lockstep_run import LockstepTrial
 trial = example("trials", "silicone_cube")
-with tempfile.TemporaryDirectory() as session:
-    world = LockstepTrial(load_trial_file(trial, []), trial.parent, open_bench, Path(session))
+with tempfile.TemporaryDirectory() as rings:
+    world = LockstepTrial(load_trial_file(trial, []), trial.parent, open_bench, Path(rings))
     world.slave.configure()
     while world.slave.safety.state.name != "RUN":
         world.step()

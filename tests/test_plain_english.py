@@ -29,6 +29,10 @@ WORN = {
     ),
     "anew afresh": (r"\b(anew|afresh)\b", "again, new"),
     "none": (r"\b(that|which) (is|are) none\b", "not a number"),
+    "session": (
+        r"\bsession(_folder| folder|: Path)\b",
+        "'ring folder': a session is an authenticated connection of the link",
+    ),
     "want reckon word": (
         r"\b(for want of|reckon\w*|no word of|without a word)\b",
         "archaic",
@@ -104,6 +108,7 @@ def worn(text):
             "says nothing of it",
             "a hollow effect",
             "begun anew",
+            "the session folder",
             "which is none",
         ),
     ],

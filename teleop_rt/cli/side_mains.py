@@ -21,8 +21,8 @@ from teleop_rt.interrupts import StopRequest
 from teleop_rt.link.keys import default_key, load_keys, load_own_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
+from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.realtime.scheduling import prepare_process
-from teleop_rt.realtime.session import new_session
 from teleop_rt.service.place import Claim, claimed
 from teleop_rt.trial.alone import PlainEvents, alone
 from teleop_rt.trial.estimators import make_pipeline
@@ -130,7 +130,7 @@ def _operate(side: Side, trial_file: Path, key: Path | None) -> None:
 
     def made(plant: HandPlant) -> None:
         handles.append(plant)
-        publish_handle(plant, side.session)
+        publish_handle(plant, side.ring_folder)
 
     outcome = master_main(
         side,
@@ -164,7 +164,7 @@ def _simulate(side: Side, trial_file: Path) -> None:
             ": name a trial that has one"
         )
     rig = opening.open_rig(trial.rig, trial.plant, time.monotonic_ns, trial.seed)
-    close_truth = publish_truth(rig, side.session)
+    close_truth = publish_truth(rig, side.ring_folder)
     prepare_process(RIG_PRIORITY)
     side.emit("ready")
     rig.serve(stop)
@@ -180,18 +180,18 @@ def run_side(
     name: str,
     *,
     folder: Path,
-    session: Path,
+    ring_folder: Path,
     key: Path,
     others: Callable[[], None],
 ) -> None:
     """Run one side of a run, in a process of its own that ends with the one that started it.
 
-    Session and folder are the run's, and its recorder records; the slave is armed at once. Its
+    Both folders are the run's, and its recorder records; the slave is armed at once. Its
     modules are loaded while the others start; `others` waits for them, then it opens its axis.
     """
     end_with_parent()
     with emitting_problems(emit_to_parent):
-        side = Side(trial, session, folder, emit_to_parent, None)
+        side = Side(trial, ring_folder, folder, emit_to_parent, None)
         if name == "slave":
             make_pipeline(trial)
             others()
@@ -205,7 +205,7 @@ def run_side(
 def make_rig_safe(trial_file: Path, overrides: list[str] | None) -> None:
     """Stop the axis of a rig that no daemon runs, and take its devices out of operation."""
     rig = load_trial_file(trial_file, overrides).rig
-    with new_session() as session, claimed(rig.name, registry.reached_by(rig), session):
+    with new_ring_folder() as ring_folder, claimed(rig.name, registry.reached_by(rig), ring_folder):
         axis = opening.open_axis(rig, time.monotonic_ns)
         try:
             axis.configure()
@@ -239,7 +239,8 @@ def _side(
 ) -> Iterator[Side]:
     """Yield a side that is started alone; the trial is loaded, unless it is given.
 
-    It makes a session and a folder, and records itself. Problems are also reported as events.
+    It makes its ring folder and run folder, and records itself. Problems are also reported as
+    events.
     """
     emit: Emit = emit_to_parent if as_json else PlainEvents(name)
     with emitting_problems(emit):
@@ -252,7 +253,7 @@ def _side(
             alone(name, trial, trial_file, overrides or [], folder) as around,
         ):
             write_trial(folder, trial)
-            yield Side(trial, around.session, folder, emit, around)
+            yield Side(trial, around.ring_folder, folder, emit, around)
 
 
 def _can_meet(trial: TrialConfig, trial_file: Path) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from teleop_rt.config.loader import load_trial
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.transport import LinkError
-from teleop_rt.realtime.session import publish
+from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOPIC
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
@@ -78,22 +78,22 @@ def open_bench(trial: TrialConfig, now_ns: Callable[[], int], folder: Path | Non
     def truth() -> dict[str, Any]:
         return rig.truth() | ({"handle": handles[0].truth()} if handles else {})
 
-    def publish(session: Path) -> None:
-        publish_truth(rig, session)
+    def publish(ring_folder: Path) -> None:
+        publish_truth(rig, ring_folder)
         for handle in handles:
-            publish_handle(handle, session)
+            publish_handle(handle, ring_folder)
 
     return Bench(axis, truth, publish, device, rows)
 
 
-def publish_handle(plant: HandPlant, session: Path) -> None:
+def publish_handle(plant: HandPlant, ring_folder: Path) -> None:
     """Make the ring of the true motion of an operator's device."""
-    ring = publish(session, HANDLE_TRUTH_TOPIC, HANDLE_TRUTH)
+    ring = publish(ring_folder, HANDLE_TRUTH_TOPIC, HANDLE_TRUTH)
     plant.on_truth = lambda: ring.push(plant.truth_row)
 
 
-def publish_truth(rig: SimulatedRig, session: Path) -> Callable[[], None]:
+def publish_truth(rig: SimulatedRig, ring_folder: Path) -> Callable[[], None]:
     """Make the ring of a simulated rig's true motion; return the function that closes it."""
-    ring = publish(session, TRUTH_TOPIC, TRUTH)
+    ring = publish(ring_folder, TRUTH_TOPIC, TRUTH)
     rig.on_truth = ring.push
     return ring.close

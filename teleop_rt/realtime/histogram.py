@@ -25,7 +25,7 @@ class TimingHistograms:
     """Counts of wake latency and work by microsecond; `add` allocates nothing that grows."""
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
-        """Map the file of a session; the loop's end creates it. Raises FileNotFoundError."""
+        """Map the file in a ring folder; the loop's end creates it. Raises FileNotFoundError."""
         size = 8 * _WORDS * len(KINDS)
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL if create else os.O_RDONLY
         descriptor = os.open(folder / NAME, flags, 0o640)

@@ -1,6 +1,7 @@
 """Leftovers of killed processes in shared memory: named after them, removed by the next start.
 
-A name holds the process id: `teleop-rt-1234-ab12` is a session, `1234-ab12.can` a place on a bus.
+A name holds the process id: `teleop-rt-1234-ab12` is a ring folder, `1234-ab12.can` a place on a
+bus.
 """
 
 from __future__ import annotations

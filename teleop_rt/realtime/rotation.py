@@ -31,7 +31,7 @@ SIZES = "recording"
 
 
 def sizes_of(metadata: Mapping[str, Mapping[str, str]]) -> Sizes:
-    """Return the sizes in a session's description."""
+    """Return the sizes in a run's description."""
     sizes = metadata[SIZES]
     return Sizes(
         part_bytes=int(sizes["part_bytes"]),

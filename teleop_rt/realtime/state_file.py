@@ -1,4 +1,4 @@
-"""State files that other processes read: small JSON files in a session's shared memory."""
+"""State files that other processes read: small JSON files in a ring folder."""
 
 from __future__ import annotations
 

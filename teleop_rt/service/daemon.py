@@ -9,7 +9,7 @@ from teleop_rt.axis import AxisError, EndOfRecording
 from teleop_rt.realtime.clock import Clock
 from teleop_rt.realtime.histogram import TimingHistograms
 from teleop_rt.realtime.loop import run_loop
-from teleop_rt.realtime.session import LAST_FAULT
+from teleop_rt.realtime.ring_folder import LAST_FAULT
 from teleop_rt.realtime.state_file import leave
 from teleop_rt.service.mailbox import Command, CommandBox, Reply
 from teleop_rt.service.notify import Notifier
@@ -27,18 +27,18 @@ class Daemon:
     def __init__(
         self,
         slave: Slave,
-        session: Path,
+        ring_folder: Path,
         notifier: Notifier,
         histograms: TimingHistograms,
         *,
         arm_at_once: bool = False,
     ) -> None:
-        """Make the session's mailbox; `arm_at_once` arms and starts as soon as a sample came."""
+        """Make the mailbox; `arm_at_once` arms and starts as soon as a sample came."""
         self._slave = slave
-        self._session = session
+        self._ring_folder = ring_folder
         self.notifier = notifier
         self._histograms = histograms
-        self._box = CommandBox(session, create=True)
+        self._box = CommandBox(ring_folder, create=True)
         self.arm_at_once = arm_at_once
         self._leave_for = Command.NONE
         self._left = slave.stopped
@@ -99,7 +99,7 @@ class Daemon:
         self._left = now
         if now.fault is not NO_FAULT:
             last = {"stamp_ns": now.stamp_ns, "fault": now.fault.name, "said": now.said}
-            leave(self._session / LAST_FAULT, last)
+            leave(self._ring_folder / LAST_FAULT, last)
 
     def _stop(self) -> None:
         self.arm_at_once = False
@@ -145,4 +145,4 @@ class Daemon:
         return Reply.DONE
 
     def _publish(self, error: AxisError) -> None:
-        (self._session / PROBLEM).write_text(str(error), encoding="utf-8")
+        (self._ring_folder / PROBLEM).write_text(str(error), encoding="utf-8")

@@ -1,11 +1,11 @@
 """Keep a process beside the loop going: where it ends unasked, it is started again.
 
-    python -m teleop_rt.service.keeper NAME SESSION MODULE ARGUMENTS...
+    python -m teleop_rt.service.keeper NAME RING_FOLDER MODULE ARGUMENTS...
 
 The loop's process could not do this without stopping for it, so each helper has a keeper. It loads
 the module once and forks a helper that runs the module's `main(ARGUMENTS)`: the next one is there
 within milliseconds, also on a busy machine. The keeper passes its helper's output on, and leaves
-in the session how often that one had to be started again.
+in the ring folder how often that one had to be started again.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ Main = Callable[[Sequence[str]], None]
 class Restarts:
     """Count of a helper's unexpected ends, and the pause before each restart."""
 
-    def __init__(self, name: str, session: Path) -> None:
+    def __init__(self, name: str, ring_folder: Path) -> None:
         self._name = name
-        self._path = session / f"{name}{SUFFIX}"
+        self._path = ring_folder / f"{name}{SUFFIX}"
         self._in_a_row = 0
         self._last_end: str | None = None
         self._helper: dict[str, int | None] | None = None
@@ -76,21 +76,21 @@ class Restarts:
         return state
 
 
-def kept(session: Path, name: str) -> dict[str, Any]:
+def kept(ring_folder: Path, name: str) -> dict[str, Any]:
     """Return the number of a helper's restarts, and how it last ended."""
-    state = found(session / f"{name}{SUFFIX}") or {}
+    state = found(ring_folder / f"{name}{SUFFIX}") or {}
     return {"restarts": state.get("restarts", 0), "last_end": state.get("last_end")}
 
 
-def watched(session: Path, name: str) -> bool:
+def watched(ring_folder: Path, name: str) -> bool:
     """Return whether a helper's keeper runs; true if there is none yet."""
-    state = found(session / f"{name}{SUFFIX}")
+    state = found(ring_folder / f"{name}{SUFFIX}")
     return state is None or _same(state["keeper"])
 
 
-def goes_on(session: Path, name: str) -> bool:
+def goes_on(ring_folder: Path, name: str) -> bool:
     """Return whether a helper runs: also without its keeper, until it notices the loss."""
-    helper = (found(session / f"{name}{SUFFIX}") or {}).get("helper")
+    helper = (found(ring_folder / f"{name}{SUFFIX}") or {}).get("helper")
     return helper is not None and helper["began"] is not None and _same(helper)
 
 
@@ -146,11 +146,11 @@ class Stop:
 class Keeper:
     """Runs a helper until a stop request; the helper's events go to standard output."""
 
-    def __init__(self, name: str, session: Path, main: Main, arguments: Sequence[str]) -> None:
+    def __init__(self, name: str, ring_folder: Path, main: Main, arguments: Sequence[str]) -> None:
         self._name = name
         self._main = main
         self._arguments = arguments
-        self._restarts = Restarts(name, session)
+        self._restarts = Restarts(name, ring_folder)
         self._stop = Stop()
         self._relied_on = False
 
@@ -244,18 +244,18 @@ def call_process(name: str) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_NAME, name.encode(), 0, 0, 0)
 
 
-def keep(name: str, session: Path, main: Main, arguments: Sequence[str]) -> int:
+def keep(name: str, ring_folder: Path, main: Main, arguments: Sequence[str]) -> int:
     """Be a helper's keeper in this process until a stop request; return the exit code."""
     end_with_parent()
     call_process(name_of(name))
-    code = Keeper(name, session, main, arguments).keep()
+    code = Keeper(name, ring_folder, main, arguments).keep()
     return code if code >= 0 else 1
 
 
 def main() -> int:
     """Keep the helper that the command line names; return its exit code."""
-    name, session, module, *arguments = sys.argv[1:]
-    return keep(name, Path(session), importlib.import_module(module).main, arguments)
+    name, ring_folder, module, *arguments = sys.argv[1:]
+    return keep(name, Path(ring_folder), importlib.import_module(module).main, arguments)
 
 
 if __name__ == "__main__":

@@ -50,9 +50,9 @@ class Reply(IntEnum):
 class CommandBox:
     """Both ends of the mailbox; the loop's end makes the file, the server's end only maps it."""
 
-    def __init__(self, session: Path, *, create: bool = False) -> None:
-        """Map the box of a session. Raises FileNotFoundError where there is none."""
-        self._path = session / NAME
+    def __init__(self, ring_folder: Path, *, create: bool = False) -> None:
+        """Map the box in a ring folder. Raises FileNotFoundError where there is none."""
+        self._path = ring_folder / NAME
         flags = os.O_RDWR | (os.O_CREAT | os.O_EXCL if create else 0)
         descriptor = os.open(self._path, flags, 0o600)
         try:

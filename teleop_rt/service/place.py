@@ -1,8 +1,8 @@
 """The place of a rig's running daemon: its lock, its control socket and its rings.
 
 Below the run folder a rig called "Bench rig" has `bench-rig.socket` (commands) and
-`bench-rig.session`, a link to the folder in shared memory that holds its rings: `places()` finds
-them, `RingReader(place.session / "slave.ring")` reads along, and the `.topic` files beside the
+`bench-rig.rings`, a link to its ring folder in shared memory: `places()` finds
+them, `RingReader(place.ring_folder / "slave.ring")` reads along, and the `.topic` files beside the
 rings name their columns. The locks lie where every user's daemon sees them.
 """
 
@@ -31,7 +31,9 @@ _SERVICE = Path("/run/teleop-rt")
 _LOCKS = Path("/run/lock")
 _LONGEST_NAME = 60
 """Characters of a rig's name in the path of a socket, which may have 108."""
-_SESSIONS = "teleop-rt-"
+_RING_FOLDERS = "teleop-rt-"
+_LINK = ".rings"
+"""Ending of the link from a rig's place to its ring folder."""
 _NO_COMMANDS = "takes-no-commands"
 
 
@@ -56,15 +58,15 @@ class DaemonFiles:
         return self.folder / f"{self.name}.socket"
 
     @property
-    def session(self) -> Path:
-        """The link to the folder of rings."""
-        return self.folder / f"{self.name}.session"
+    def ring_folder(self) -> Path:
+        """The link to the ring folder."""
+        return self.folder / f"{self.name}{_LINK}"
 
     @property
     def takes_commands(self) -> bool:
         """False where a run holds the rig, which never has a control socket."""
         try:
-            return not (self.session / _NO_COMMANDS).exists()
+            return not (self.ring_folder / _NO_COMMANDS).exists()
         except PermissionError:
             return True
 
@@ -72,7 +74,7 @@ class DaemonFiles:
     def process(self) -> int | None:
         """The process that holds it, or held it until it crashed; None where it was just left."""
         try:
-            return owner(self.session.readlink().name, _SESSIONS)
+            return owner(self.ring_folder.readlink().name, _RING_FOLDERS)
         except FileNotFoundError:
             return None
 
@@ -121,15 +123,15 @@ def places(environment: Mapping[str, str] = os.environ) -> list[DaemonFiles]:
         own = _own_folder(environment)
         folders = [_SERVICE] if _anothers(own) else [_SERVICE, own]
     return [
-        DaemonFiles(folder, link.name.removesuffix(".session"))
+        DaemonFiles(folder, link.name.removesuffix(_LINK))
         for folder in folders
-        for link in sorted(folder.glob("*.session"))
+        for link in sorted(folder.glob(f"*{_LINK}"))
     ]
 
 
-def refuse_commands(session: Path) -> None:
-    """Say that the process of this session will never take commands."""
-    (session / _NO_COMMANDS).touch()
+def refuse_commands(ring_folder: Path) -> None:
+    """Note that the process of this ring folder will never take commands."""
+    (ring_folder / _NO_COMMANDS).touch()
 
 
 class Claim:
@@ -150,8 +152,8 @@ class Claim:
     def __exit__(self, *error: object) -> None:
         self.release()
 
-    def take(self, rig_name: str, reached_by: Sequence[str], session: Path) -> DaemonFiles:
-        """Hold this rig instead of the one held so far, and say that its rings are in `session`.
+    def take(self, rig_name: str, reached_by: Sequence[str], ring_folder: Path) -> DaemonFiles:
+        """Hold this rig instead of the one held so far, and link its place to `ring_folder`.
 
         Raises BusyError while another process holds one of its buses and ports, PlaceError where
         the folder for it cannot be written; the rig held so far then stays held.
@@ -175,8 +177,8 @@ class Claim:
             place.socket.unlink(missing_ok=True)
         _close(self._locks, but=taken)
         self._locks, self._place = taken, place
-        _point(place, session)
-        session.chmod(0o750)
+        _point(place, ring_folder)
+        ring_folder.chmod(0o750)
         return place
 
     def release(self) -> None:
@@ -187,7 +189,7 @@ class Claim:
 
     def _withdraw(self) -> None:
         if self._place is not None:
-            self._place.session.unlink(missing_ok=True)
+            self._place.ring_folder.unlink(missing_ok=True)
             self._place.socket.unlink(missing_ok=True)
         self._place = None
 
@@ -206,10 +208,10 @@ class Claim:
 
 
 @contextmanager
-def claimed(rig_name: str, reached_by: Sequence[str], session: Path) -> Iterator[DaemonFiles]:
+def claimed(rig_name: str, reached_by: Sequence[str], ring_folder: Path) -> Iterator[DaemonFiles]:
     """Hold a rig for this process, with one config. Raises as `Claim.take`."""
     with Claim() as claim:
-        yield claim.take(rig_name, reached_by, session)
+        yield claim.take(rig_name, reached_by, ring_folder)
 
 
 def _writable(folder: Path) -> Path:
@@ -288,12 +290,12 @@ def _made(path: Path, flags: int) -> int:
     return os.open(path, flags)
 
 
-def _point(place: DaemonFiles, session: Path) -> None:
-    """Say where the rings are, without a moment between; remove those that a crash left."""
-    left = place.session.readlink() if place.session.is_symlink() else None
-    fresh = place.session.with_suffix(".next")
+def _point(place: DaemonFiles, ring_folder: Path) -> None:
+    """Link a place to its ring folder in one step; remove the one that a crash left."""
+    left = place.ring_folder.readlink() if place.ring_folder.is_symlink() else None
+    fresh = place.ring_folder.with_suffix(".next")
     fresh.unlink(missing_ok=True)
-    fresh.symlink_to(session)
-    fresh.replace(place.session)
-    if left is not None and left != session and left.name.startswith(_SESSIONS):
+    fresh.symlink_to(ring_folder)
+    fresh.replace(place.ring_folder)
+    if left is not None and left != ring_folder and left.name.startswith(_RING_FOLDERS):
         shutil.rmtree(left, ignore_errors=True)

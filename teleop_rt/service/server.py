@@ -61,10 +61,10 @@ def _distinct(pairs: list[tuple[str, object]]) -> dict[str, object]:
 
 
 class CommandServer:
-    """Answers requests about one session. It runs no check itself, and a stop waits for nothing."""
+    """Answers requests to one loop. It runs no check itself, and a stop waits for nothing."""
 
-    def __init__(self, session: Path) -> None:
-        self._session = session
+    def __init__(self, ring_folder: Path) -> None:
+        self._ring_folder = ring_folder
         self._occupied = False
         self._stops = 0
 
@@ -96,16 +96,16 @@ class CommandServer:
             if command is None:
                 yield
                 return self._status()
-            box = CommandBox(self._session)
+            box = CommandBox(self._ring_folder)
             if command is Command.STOP:
                 return (yield from self._stop(box))
-            description = json.loads((self._session / DESCRIPTION).read_text(encoding="utf-8"))
+            description = json.loads((self._ring_folder / DESCRIPTION).read_text(encoding="utf-8"))
         except FileNotFoundError:  # nothing was done yet, so that it may be asked again
             return _refused("the daemon is starting, or is being stopped: ask again") | AGAIN
         return (yield from self._in_turn(command, box, description))
 
     def _status(self) -> Answer:
-        return {"ok": True, "status": read_status(self._session)}
+        return {"ok": True, "status": read_status(self._ring_folder)}
 
     def _stop(self, box: CommandBox) -> Answering:
         """Stop at once, also while another command is under way, which is then dropped."""
@@ -166,14 +166,14 @@ class CommandServer:
             return self._status()
         sentence = _SENTENCES.get(reply) or self._problem()
         if reply is Reply.FAULT_LATCHED:
-            fault = read_status(self._session)["fault"]
+            fault = read_status(self._ring_folder)["fault"]
             sentence = f"{sentence} ({fault['name']}: {fault['cause']}; {fault['next_step']})"
         return _refused(sentence)
 
     def _await_a_tick(self, deadline_s: float) -> Generator[None, None, None]:
         """Wait for the row of a tick after the command: the last row may be older."""
         try:
-            ring = RingReader(self._session / SLAVE_RING)
+            ring = RingReader(self._ring_folder / SLAVE_RING)
         except FileNotFoundError:
             return
         ring.skip()
@@ -181,7 +181,7 @@ class CommandServer:
             yield
 
     def _problem(self) -> str:
-        path = self._session / PROBLEM
+        path = self._ring_folder / PROBLEM
         return path.read_text(encoding="utf-8") if path.exists() else "the devices refuse"
 
 
@@ -189,14 +189,14 @@ def _refused(problem: str) -> Answer:
     return {"ok": False, "problem": problem}
 
 
-def serve(session: Path, place: Path) -> None:
+def serve(ring_folder: Path, place: Path) -> None:
     """Serve the socket `place` until the process that started this one ends."""
     stopping: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda other, _frame: stopping.append(other))
     end_with_parent()
     with bind(place) as listening:  # also after one that crashed: one daemon alone holds the rig
-        connections = Connections(CommandServer(session).handle, listening)
+        connections = Connections(CommandServer(ring_folder).handle, listening)
         sys.stdout.write(json.dumps({"event": "ready"}) + "\n")
         sys.stdout.flush()
         while not stopping:
@@ -204,7 +204,7 @@ def serve(session: Path, place: Path) -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Serve the session, the first argument, at the socket, the second, until SIGTERM."""
-    session, place = map(Path, arguments)
+    """Serve the ring folder, the first argument, at the socket, the second, until SIGTERM."""
+    ring_folder, place = map(Path, arguments)
     os.umask(0o007)
-    serve(session, place)
+    serve(ring_folder, place)

@@ -13,7 +13,7 @@ from teleop_rt.link.troubles import TROUBLES
 from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.histogram import KINDS, TimingHistograms
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import LAST_FAULT, RECORDER_STATE
+from teleop_rt.realtime.ring_folder import LAST_FAULT, RECORDER_STATE
 from teleop_rt.realtime.state_file import found
 from teleop_rt.service.keeper import goes_on, kept, watched
 from teleop_rt.signals import SLAVE, columns
@@ -32,18 +32,20 @@ _LINK_COUNTS = ("packets_received", "packets_lost", "packets_rejected", "followi
 _COLUMN = columns(SLAVE)
 
 
-def read_status(session: Path) -> dict[str, Any]:
-    """Return the status of the daemon whose rings lie in `session`; an unknown value is None."""
-    description = json.loads((session / DESCRIPTION).read_text(encoding="utf-8"))
-    row = RingReader(session / SLAVE_RING).newest()
+def read_status(ring_folder: Path) -> dict[str, Any]:
+    """Return the status of the daemon of this ring folder; an unknown value is None."""
+    description = json.loads((ring_folder / DESCRIPTION).read_text(encoding="utf-8"))
+    row = RingReader(ring_folder / SLAVE_RING).newest()
     values = {} if row is None else {name: float(row[_COLUMN[name]]) for name in _COLUMN}
     fault = FAULTS[int(values.get("fault", 0))]
-    timing = TimingHistograms(session)
-    recorder = _NO_RECORDER | (found(session / RECORDER_STATE) or {}) | kept(session, "recorder")
-    commands = kept(session, "commands")
+    timing = TimingHistograms(ring_folder)
+    recorder = (
+        _NO_RECORDER | (found(ring_folder / RECORDER_STATE) or {}) | kept(ring_folder, "recorder")
+    )
+    commands = kept(ring_folder, "commands")
     return {
         **description,
-        "session": str(session),
+        "ring_folder": str(ring_folder),
         "state": State(int(values.get("state", State.BOOT))).name,
         "fault": {
             "code": fault.code,
@@ -51,7 +53,7 @@ def read_status(session: Path) -> dict[str, Any]:
             "cause": fault.cause,
             "next_step": fault.next_step,
         },
-        "last_fault": found(session / LAST_FAULT),
+        "last_fault": found(ring_folder / LAST_FAULT),
         "tick": int(values.get("tick", 0)),
         **{name: _plain(values.get(name)) for name in _SHOWN},
         "link": _link(values),
@@ -63,7 +65,7 @@ def read_status(session: Path) -> dict[str, Any]:
             *_silence(recorder),
             *of_recorder(recorder),
             *of_helper("command server", commands),
-            *unwatched(session),
+            *unwatched(ring_folder),
         ],
     }
 
@@ -91,15 +93,15 @@ def _of_reload(refusal: str | None) -> Iterator[str]:
         )
 
 
-def unwatched(session: Path) -> Iterator[str]:
+def unwatched(ring_folder: Path) -> Iterator[str]:
     """Return alarms about killed keepers: the loop restarts nothing."""
     helpers = {
         "recorder": ("records no more", "records on, but no recorder follows one that ends"),
         "commands": ("takes no more commands", "takes commands until its command server ends"),
     }
     for name, (ended, alone) in helpers.items():
-        if not watched(session, name):
-            consequence = alone if goes_on(session, name) else ended
+        if not watched(ring_folder, name):
+            consequence = alone if goes_on(ring_folder, name) else ended
             yield (
                 f"the keeper of the {name} was killed: the daemon {consequence}; end it with "
                 "SIGTERM (`systemctl stop`), which stops the axis, and start it again"

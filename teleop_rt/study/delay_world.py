@@ -145,7 +145,7 @@ class World:
     def __init__(
         self,
         cell: Cell,
-        session_slave: Callable[..., Slave] = make_slave,
+        slave_of_cell: Callable[..., Slave] = make_slave,
         trial: TrialConfig | None = None,
         operator: Operator | None = None,
     ) -> None:
@@ -157,9 +157,9 @@ class World:
         self.slave_end, self.master_end = ends
         rng = np.random.default_rng([cell.seed, 7])
         self.axis = IdealAxis(self.before, self.clock.now_ns, rng)
-        self._session = Path(tempfile.mkdtemp(prefix="teleop-rt-study-"))
-        self.slave = session_slave(
-            self.trial, self.axis, self.slave_end, self.clock.now_ns, self._session,
+        self._ring_folder = Path(tempfile.mkdtemp(prefix="teleop-rt-study-"))
+        self.slave = slave_of_cell(
+            self.trial, self.axis, self.slave_end, self.clock.now_ns, self._ring_folder,
             measure_work=False, log_estimates=False,
         )  # fmt: skip
         stepping_s = self.round_trip_s + SETTLING_S if cell.environment == "step" else 0.0
@@ -207,7 +207,7 @@ class World:
     def close(self) -> None:
         """Release the rings that the slave fills, and remove them."""
         self.slave.close()
-        shutil.rmtree(self._session, ignore_errors=True)
+        shutil.rmtree(self._ring_folder, ignore_errors=True)
 
     @property
     def hand_s(self) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.realtime.alarms import of_helper, of_recorder
-from teleop_rt.realtime.session import describe, new_session
+from teleop_rt.realtime.ring_folder import describe, new_ring_folder
 from teleop_rt.service.keeper import kept
 from teleop_rt.service.place import Claim
 from teleop_rt.service.status import DESCRIPTION
@@ -38,7 +38,7 @@ class Alone:
     trial_file: Path
     overrides: list[str]
     folder: Path
-    session: Path
+    ring_folder: Path
     processes: TrialProcesses
     recorder: Child
 
@@ -48,16 +48,18 @@ class Alone:
 
         Raises BusyError where another daemon holds the rig.
         """
-        place = claim.take(rig_name, reached_by, self.session)
-        place_and_session = [str(self.session), str(place.socket)]
-        server = self.processes.start_kept(SERVER, self.session, _SERVER_MODULE, place_and_session)
+        place = claim.take(rig_name, reached_by, self.ring_folder)
+        folder_and_socket = [str(self.ring_folder), str(place.socket)]
+        server = self.processes.start_kept(
+            SERVER, self.ring_folder, _SERVER_MODULE, folder_and_socket
+        )
         try:
             yield
         finally:
             self.processes.end([server.name])
 
     def describe(self, trial: TrialConfig, privileges: list[str], refusal: str) -> None:
-        """Write this process's description for `status` into the session.
+        """Write this process's description for `status` into the ring folder.
 
         `refusal` is the reason why a reloaded config could not be started, if there was one.
         """
@@ -75,7 +77,7 @@ class Alone:
             "unsafe": trial.rig.unsafe,
             "reload_refused": refusal or None,
         }
-        (self.session / DESCRIPTION).write_text(json.dumps(content), encoding="utf-8")
+        (self.ring_folder / DESCRIPTION).write_text(json.dumps(content), encoding="utf-8")
 
     def wait_ready(self) -> None:
         """Wait until recorder and command server can be relied on."""
@@ -85,7 +87,7 @@ class Alone:
         """End the recorder, then write this side's counts as its summary."""
         self.processes.end([self.recorder.name])
         recorded = self.recorder.events.get("done", _NO_REPORT)
-        commands = kept(self.session, SERVER)
+        commands = kept(self.ring_folder, SERVER)
         notes = [*of_recorder(recorded), *of_helper("command server", commands)]
         counted = {
             "side": self.side,
@@ -102,13 +104,13 @@ class Alone:
 def alone(
     side: str, trial: TrialConfig, trial_file: Path, overrides: list[str], folder: Path
 ) -> Iterator[Alone]:
-    """Give a side that was started alone its session, which a process of its own records."""
-    with new_session() as session:
-        describe(session, recording_metadata(trial))
+    """Give a side that was started alone its ring folder, which a process of its own records."""
+    with new_ring_folder() as ring_folder:
+        describe(ring_folder, recording_metadata(trial))
         processes = TrialProcesses(folder / LOG, loop_cpu=trial.rig.realtime.cpu)
         try:
-            recorder = start_recorder(processes, session, folder)
-            run = (trial_file, overrides, folder, session)
+            recorder = start_recorder(processes, ring_folder, folder)
+            run = (trial_file, overrides, folder, ring_folder)
             yield Alone(side, trial.name, *run, processes, recorder)
         finally:
             processes.close()

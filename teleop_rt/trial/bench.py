@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 class Bench:
     """An axis on simulated time, with its simulation, if there is one.
 
-    `truth()` gives the plant's secrets for truth.json; `publish_truth(session)` makes the ring of
-    its true motion. Both are None for an axis that replays measurements. `open_device` opens the
+    `truth()` gives the plant's secrets for truth.json; `publish_truth(ring_folder)` makes the ring
+    of its true motion. Both are None for an axis that replays measurements. `open_device` opens the
     operator's device, where the trial has a real one; `handles` are simulated ones' true rows.
     """
 

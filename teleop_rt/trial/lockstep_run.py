@@ -14,7 +14,7 @@ from teleop_rt.link.transport import MemoryTransport
 from teleop_rt.realtime.clock import SimulatedClock
 from teleop_rt.realtime.lockstep import Lockstep
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.realtime.session import Recorder, describe, new_session
+from teleop_rt.realtime.ring_folder import Recorder, describe, new_ring_folder
 from teleop_rt.slave.faults import INTERNAL, State
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.bench import OpenBench
@@ -59,7 +59,7 @@ class LockstepTrial:
         trial: TrialConfig,
         folder: Path,
         open_bench: OpenBench,
-        session: Path,
+        ring_folder: Path,
         open_link: OpenLink | None = None,
     ) -> None:
         """Build everything; `folder` is the trial file's, where its relative paths start.
@@ -77,7 +77,7 @@ class LockstepTrial:
             self.bench.axis,
             self.slave_endpoint,
             self.clock.now_ns,
-            session,
+            ring_folder,
             measure_work=False,
         )
         self.master = MasterSide(
@@ -85,10 +85,10 @@ class LockstepTrial:
             operator_of(trial, folder, self.bench.open_device),
             self.master_endpoint,
             self.clock.now_ns,
-            session,
+            ring_folder,
         )
         if self.bench.publish_truth:
-            self.bench.publish_truth(session)
+            self.bench.publish_truth(ring_folder)
         self.lockstep = Lockstep(self.clock)
         self.lockstep.add(trial.rig.period_ns, self.slave.cycle)
         self.lockstep.add(self.master.period_ns, self.master.cycle)
@@ -113,13 +113,13 @@ def run_lockstep(
 
     Whatever is raised, the axis is stopped, the recording is closed, and it is raised again.
     """
-    with new_session() as session:
-        run = LockstepTrial(trial, trial_file.parent, open_bench, session)
+    with new_ring_folder() as ring_folder:
+        run = LockstepTrial(trial, trial_file.parent, open_bench, ring_folder)
         metadata = recording_metadata(trial)
-        describe(session, metadata)
+        describe(ring_folder, metadata)
         log = EventLog(folder / LOG)
         recorder = Recorder(
-            session,
+            ring_folder,
             RecordingWriter(folder / RECORDING, trial.rig.units, metadata),
             log.watchers,
         )

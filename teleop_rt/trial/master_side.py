@@ -28,8 +28,8 @@ from teleop_rt.realtime.lateness import (
     Lateness,
     late_ns,
 )
+from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.realtime.ring_kernel import row_writer
-from teleop_rt.realtime.session import publish
 from teleop_rt.signals import MASTER, MASTER_TOPIC
 from teleop_rt.trial.late import both
 from teleop_rt.trial.sides import link_outcome
@@ -73,7 +73,7 @@ class MasterSide:
         operator: Operator,
         endpoint: Endpoint,
         now_ns: Callable[[], int],
-        session: Path,
+        ring_folder: Path,
     ) -> None:
         self.period_ns = round(1e9 / trial.master.rate_hz)
         self.endpoint = endpoint
@@ -83,7 +83,7 @@ class MasterSide:
         lateness.load_kernels()
         self.late = Lateness(rig.realtime.late, self.period_ns)
         self.on_hardware = Lateness(ON_HARDWARE, self.period_ns)
-        self.ring = publish(session, MASTER_TOPIC, MASTER)
+        self.ring = publish(ring_folder, MASTER_TOPIC, MASTER)
         self.missed_ticks = 0
         self.master = Master(
             trial.master,

@@ -67,13 +67,13 @@ def slave_main(
     refuses the config. Whatever is raised after `configs.begun`, the last thing that the axis
     hears is stop, and it is raised again.
     """
-    trial, session, alone = side.trial, side.session, side.alone
+    trial, ring_folder, alone = side.trial, side.ring_folder, side.alone
     with _held(trial, open_axis, reloaded=configs.before is not None) as held:
         now_ns = time.monotonic_ns
         endpoint = make_endpoint("slave", trial, held.transport, keys, now_ns)
-        slave = make_slave(trial, held.axis, endpoint, now_ns, session, measure_work=True)
-        histograms = TimingHistograms(session, create=True)
-        daemon = Daemon(slave, session, held.notifier, histograms, arm_at_once=arm)
+        slave = make_slave(trial, held.axis, endpoint, now_ns, ring_folder, measure_work=True)
+        histograms = TimingHistograms(ring_folder, create=True)
+        daemon = Daemon(slave, ring_folder, held.notifier, histograms, arm_at_once=arm)
         if alone is not None:
             alone.wait_ready()
         slave.configure()
@@ -181,7 +181,7 @@ def master_main(
     peer = (link.host, link.slave_port)
     transport = UdpTransport(link.bind_host, link.master_port, peer)
     endpoint = make_endpoint("master", trial, transport, keys, time.monotonic_ns)
-    master = MasterSide(trial, operator, endpoint, time.monotonic_ns, side.session)
+    master = MasterSide(trial, operator, endpoint, time.monotonic_ns, side.ring_folder)
     asked = prepare_process(MASTER_PRIORITY)
     side.emit("ready", privileges=[privilege.describe() for privilege in asked])
     reported: AbstractContextManager[None] = nullcontext()

@@ -89,21 +89,27 @@ class TrialProcesses:
         """
         return self._start(name, lambda: Forked(name, main, self._log))
 
-    def start_kept(self, name: str, session: Path, module: str, arguments: Sequence[str]) -> Child:
+    def start_kept(
+        self, name: str, ring_folder: Path, module: str, arguments: Sequence[str]
+    ) -> Child:
         """Start a module's `main` under a keeper, which starts it again where it ends unasked.
 
         Both are small beside a daemon that goes on for months: a program of their own.
         """
-        program = [_KEEPER, name, str(session), module, *arguments]
+        program = [_KEEPER, name, str(ring_folder), module, *arguments]
         return self._start(name, lambda: self._program(program))
 
     def fork_kept(
-        self, name: str, session: Path, main: Callable[[Sequence[str]], None], arguments: list[str]
+        self,
+        name: str,
+        ring_folder: Path,
+        main: Callable[[Sequence[str]], None],
+        arguments: list[str],
     ) -> Child:
         """Run `main` under a keeper as `start_kept` does, in forks of this process."""
 
         def kept() -> None:
-            sys.exit(keep(name, session, main, arguments))
+            sys.exit(keep(name, ring_folder, main, arguments))
 
         return self.start(name, kept)
 
@@ -220,6 +226,6 @@ class Gate:
         os.close(self._reading)
 
 
-def start_recorder(processes: TrialProcesses, session: Path, folder: Path) -> Child:
-    """Start the recorder of a session's rings, once that is described, into a run folder."""
-    return processes.start_kept("recorder", session, _RECORDER, [str(session), str(folder)])
+def start_recorder(processes: TrialProcesses, ring_folder: Path, folder: Path) -> Child:
+    """Start the recorder of a ring folder, once that is described, into a run folder."""
+    return processes.start_kept("recorder", ring_folder, _RECORDER, [str(ring_folder), str(folder)])

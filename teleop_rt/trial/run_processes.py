@@ -18,7 +18,7 @@ from teleop_rt.interrupts import deferred_interrupts
 from teleop_rt.kernels.jit import load_compiler
 from teleop_rt.link.keys import generate_key
 from teleop_rt.realtime.leftovers import began_ns
-from teleop_rt.realtime.session import describe, new_session
+from teleop_rt.realtime.ring_folder import describe, new_ring_folder
 from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.folder import LOG, TRUTH, write_json
@@ -33,9 +33,9 @@ class RunSide(Protocol):
     """Be one side of a run, `slave`, `master` or `sim`, in this process until it is ended."""
 
     def __call__(
-        self, name: str, folder: Path, session: Path, key: Path, others: Callable[[], None]
+        self, name: str, folder: Path, ring_folder: Path, key: Path, others: Callable[[], None]
     ) -> None:
-        """Write into the run's folder, make rings in its session, and seal packets by its key.
+        """Write into the run's folder, make rings in its ring folder, and seal packets by its key.
 
         `others` waits until the parts that this side relies on are ready; slow work comes before.
         """
@@ -53,23 +53,23 @@ def run_processes(
 
     All processes start at once. The slave opens its axis when recorder, master and rig (if it is
     simulated) are ready, and its first tick begins the trial. At the end, also after Ctrl-C, slave,
-    master, rig and recorder stop in this order. `session` is the folder of their rings.
+    master, rig and recorder stop in this order.
     `reached_by` are the rig's buses and ports; `over` is called at the end of the trial, whatever
     its cause: from then on nothing may interrupt. Raises ProcessFailedError where a process cannot
     start, BusyError where the rig is in use.
     """
-    with new_session() as session, claimed(trial.rig.name, reached_by, session):
-        refuse_commands(session)
-        key = Path(trial.link.key_file) if trial.link.key_file else session / "link.key"
+    with new_ring_folder() as ring_folder, claimed(trial.rig.name, reached_by, ring_folder):
+        refuse_commands(ring_folder)
+        key = Path(trial.link.key_file) if trial.link.key_file else ring_folder / "link.key"
         if trial.link.key_file is None:
             generate_key(key)
-        describe(session, recording_metadata(trial))
+        describe(ring_folder, recording_metadata(trial))
         processes = TrialProcesses(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
-            side = partial(run_side, folder=folder, session=session, key=key)
+            side = partial(run_side, folder=folder, ring_folder=ring_folder, key=key)
             with prepared_to_fork():
                 recorder = processes.fork_kept(
-                    "recorder", session, record, [str(session), str(folder)]
+                    "recorder", ring_folder, record, [str(ring_folder), str(folder)]
                 )
                 ended = run_to_end(trial, processes, recorder, side, progress, over)
             complete_truth(folder, processes.children)

@@ -13,13 +13,13 @@ from teleop_rt.trial.alone import Alone
 
 @dataclass(slots=True)
 class Side:
-    """One process of a trial: its config, its session for rings, its folder, its reports.
+    """One process of a trial: its config, its ring folder, its run folder, its reports.
 
     `alone` are the helpers of a side that was started alone; in a run there are none.
     """
 
     trial: TrialConfig
-    session: Path
+    ring_folder: Path
     folder: Path
     emit: Emit
     alone: Alone | None

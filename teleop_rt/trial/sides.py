@@ -16,7 +16,7 @@ from teleop_rt.link.impairment import ImpairedTransport, Impairment
 from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.statistics import OVERTAKEN
 from teleop_rt.link.transport import Transport
-from teleop_rt.realtime.session import publish
+from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.faults import LATE_TICKS
@@ -61,12 +61,12 @@ def make_slave(
     axis: Axis,
     endpoint: Endpoint,
     now_ns: Callable[[], int],
-    session: Path,
+    ring_folder: Path,
     *,
     measure_work: bool,
     log_estimates: bool = True,
 ) -> Slave:
-    """Return the slave, with its rings published in the session. Compiles the estimators."""
+    """Return the slave, with its rings published in their folder. Compiles the estimators."""
     pipeline = make_pipeline(trial)
     return Slave(
         trial,
@@ -74,8 +74,8 @@ def make_slave(
         endpoint,
         pipeline,
         now_ns,
-        publish(session, SLAVE_TOPIC, SLAVE),
-        EstimateLog(pipeline, partial(publish, session)) if log_estimates else None,
+        publish(ring_folder, SLAVE_TOPIC, SLAVE),
+        EstimateLog(pipeline, partial(publish, ring_folder)) if log_estimates else None,
         measure_work=measure_work,
     )
 

@@ -16,7 +16,7 @@ from rich.text import Text
 from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade
 from teleop_rt.view.live.feed import Feed
 from teleop_rt.view.live.health import Lamp
-from teleop_rt.view.live.source import About, RingSource, find_session
+from teleop_rt.view.live.source import About, RingSource, find_ring_folder
 from teleop_rt.view.live.words import STOPPED
 from teleop_rt.view.quantities import SMALL, parameter_unit, small
 from teleop_rt.view.style import model_name, parameter
@@ -41,7 +41,7 @@ class RunView:
 
     def __init__(self, console: Console, name: str, duration_s: float) -> None:
         self._console, self._name, self._duration_s = console, name, duration_s
-        self._feed = Feed(RingSource(lambda: find_session(os.getpid())), _WINDOW_S)
+        self._feed = Feed(RingSource(lambda: find_ring_folder(os.getpid())), _WINDOW_S)
         self._live = Live(console=console, transient=True, auto_refresh=False)
         self._shown_s = -np.inf
         self._next_line_s = _LINE_EVERY_S

@@ -38,9 +38,9 @@ def resident_kib() -> int:
 
 def measure() -> list[float]:
     """Return net bytes, collections, and growth of resident memory [KiB] of slave and devices."""
-    with tempfile.TemporaryDirectory() as session:
+    with tempfile.TemporaryDirectory() as ring_folder:
         world = LockstepTrial(
-            load_trial_file(SILICONE, []), SILICONE.parent, open_bench, Path(session)
+            load_trial_file(SILICONE, []), SILICONE.parent, open_bench, Path(ring_folder)
         )
         world.slave.configure()
         while world.slave.contact.contact_id < 2:

@@ -140,7 +140,7 @@ def daemon(folder: Path, environment: Mapping[str, str]) -> Iterator[RingReader]
             _, printed = stack.enter_context(_started(words, environment))
             if "ready" not in printed:
                 raise RuntimeError(f"{name} did not begin")
-        yield RingReader(places(environment)[0].session / "slave.ring")
+        yield RingReader(places(environment)[0].ring_folder / "slave.ring")
 
 
 @contextmanager

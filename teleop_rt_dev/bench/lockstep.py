@@ -102,8 +102,8 @@ def watched() -> Iterator[Watch]:
 def lockstep(*settings: str) -> Iterator[LockstepTrial]:
     """Yield the default trial with these settings in lock-step, its slave configured."""
     loaded = load_trial_file(SILICONE, list(settings))
-    with tempfile.TemporaryDirectory() as session:
-        trial = LockstepTrial(loaded, SILICONE.parent, open_bench, Path(session))
+    with tempfile.TemporaryDirectory() as ring_folder:
+        trial = LockstepTrial(loaded, SILICONE.parent, open_bench, Path(ring_folder))
         trial.slave.configure()
         try:
             yield trial

@@ -16,8 +16,8 @@ import numpy as np
 from teleop_rt.config.section import Units
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.realtime.scheduling import prepare_process
-from teleop_rt.realtime.session import new_session
 from teleop_rt.signals import SLAVE
 from teleop_rt_dev.bench.measure import Row, row
 
@@ -57,8 +57,8 @@ def measure() -> list[list[float]]:
     """
     rows = np.random.default_rng(1).normal(size=(1000, len(SLAVE)))
     rows[:, 1] = np.arange(1000) * 1e6
-    with new_session() as session, tempfile.TemporaryDirectory() as name:
-        ring = RingWriter(session / "r", len(SLAVE), 8192)
+    with new_ring_folder() as ring_folder, tempfile.TemporaryDirectory() as name:
+        ring = RingWriter(ring_folder / "r", len(SLAVE), 8192)
         writer = RecordingWriter(Path(name) / "r.mcap", Units(position="m", force="N"))
         writer.add_topic("/slave", SLAVE)
         prepare_process(60)

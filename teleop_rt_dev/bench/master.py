@@ -93,12 +93,12 @@ def measure() -> dict[str, float]:
 
     answers = devices.timed(CanopenNetwork.process)
     with (
-        tempfile.TemporaryDirectory() as session,
+        tempfile.TemporaryDirectory() as ring_folder,
         patch.object(MasterSide, "cycle", timed),
         patch.object(CanopenNetwork, "process", answers),
     ):
         trial = load_trial_file(TRIAL, list(LINK))
-        world = LockstepTrial(trial, TRIAL.parent, open_bench, Path(session), udp_link)
+        world = LockstepTrial(trial, TRIAL.parent, open_bench, Path(ring_folder), udp_link)
         world.slave.configure()
         prepare_process(60, LOOP_CPU)
         while len(work) < WARM_UP + TICKS:

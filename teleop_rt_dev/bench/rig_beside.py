@@ -87,8 +87,8 @@ def slave_on(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         generate_key(folder / "key")
-        session = folder / "session"
-        session.mkdir()
+        ring_folder = folder / "rings"
+        ring_folder.mkdir()
         sides = [_start("sim", *words, "--out", str(folder / "sim"))]
         if master:
             key = ["--key", str(folder / "key"), "--out", str(folder / "master")]
@@ -100,7 +100,9 @@ def slave_on(
             endpoint = make_endpoint(
                 "slave", trial, transport, load_keys(folder / "key"), time.monotonic_ns,
             )  # fmt: skip
-            slave = make_slave(trial, axis, endpoint, time.monotonic_ns, session, measure_work=True)
+            slave = make_slave(
+                trial, axis, endpoint, time.monotonic_ns, ring_folder, measure_work=True
+            )
             slave.configure()
             yield slave, partial(loop_clock, trial.rig, axis)
         finally:

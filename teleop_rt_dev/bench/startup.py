@@ -87,7 +87,7 @@ def _await_tick(process: subprocess.Popen[str], places: Path) -> None:
     """Wait until a slave's ring holds a row: looked at every few milliseconds."""
     deadline = time.monotonic() + PATIENCE_S
     while process.poll() is None and time.monotonic() < deadline:
-        for topic in places.glob("*.session/slave.topic"):  # written once the ring is complete
+        for topic in places.glob("*.rings/slave.topic"):  # written once the ring is complete
             if RingReader(topic.with_name(SLAVE_RING)).newest() is not None:
                 return
         time.sleep(0.005)

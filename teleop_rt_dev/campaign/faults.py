@@ -47,9 +47,9 @@ def simulated(
 
 def attempt(row: Row, phase: Phase, seed: int) -> Outcome | str:
     """Run one seed; one that cannot be run is reported, and the others still run."""
-    with tempfile.TemporaryDirectory() as session:
+    with tempfile.TemporaryDirectory() as ring_folder:
         try:
-            return play(row, phase, seed, Path(session))
+            return play(row, phase, seed, Path(ring_folder))
         except Exception as error:  # noqa: BLE001 - whatever it is, it ends no campaign
             return f"seed {seed} not played: {in_words(error)}"
 

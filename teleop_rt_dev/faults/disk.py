@@ -8,7 +8,7 @@ from pathlib import Path
 
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.realtime.session import Recorder
+from teleop_rt.realtime.ring_folder import Recorder
 from teleop_rt_dev.faults.world import FaultWorld
 
 RECORDER_PERIOD_MS = 50  # as the recorder does
@@ -47,10 +47,10 @@ class FullDisk:
 
 
 def fill_the_disk(world: FaultWorld) -> None:
-    world.kept.disk = FullDisk(world.session / "disk")
+    world.kept.disk = FullDisk(world.ring_folder / "disk")
     world.closing.callback(world.kept.disk.close)
     world.kept.recorder = Recorder(
-        world.session, RecordingWriter(world.kept.disk.recording, world.trial.rig.units)
+        world.ring_folder, RecordingWriter(world.kept.disk.recording, world.trial.rig.units)
     )
     world.kept.recorder.discover()
 

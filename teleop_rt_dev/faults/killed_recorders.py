@@ -19,8 +19,8 @@ from teleop_rt.realtime.parts import part
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import ONLINE
 from teleop_rt.realtime.ring import RingWriter
+from teleop_rt.realtime.ring_folder import describe, publish
 from teleop_rt.realtime.rotation import SIZES
-from teleop_rt.realtime.session import describe, publish
 from teleop_rt.signals import SLAVE, columns
 from teleop_rt.trial.folder import RECORDING
 from teleop_rt_dev.faults.table import result
@@ -105,11 +105,11 @@ def killed_in_one_run(kills: int) -> dict[str, Any]:
     )  # fmt: skip
 
 
-def keep_recorder(session: Path) -> subprocess.Popen[bytes]:
+def keep_recorder(ring_folder: Path) -> subprocess.Popen[bytes]:
     """Start a recorder under its keeper, as a daemon does."""
-    words = ["teleop_rt.service.keeper", "recorder", session, "teleop_rt.trial.recorder_main"]
+    words = ["teleop_rt.service.keeper", "recorder", ring_folder, "teleop_rt.trial.recorder_main"]
     return subprocess.Popen(
-        [sys.executable, "-m", *map(str, words), str(session), str(session)],
+        [sys.executable, "-m", *map(str, words), str(ring_folder), str(ring_folder)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

@@ -81,8 +81,8 @@ class Sides:
     def ring(self, name: str, topic: str) -> RingReader:
         """Raises FileNotFoundError where the side has ended already."""
         pid = self.processes[name].pid
-        for session in Path("/dev/shm").glob(f"teleop-rt-{pid}-*"):
-            return RingReader(session / f"{topic}.ring")
+        for ring_folder in Path("/dev/shm").glob(f"teleop-rt-{pid}-*"):
+            return RingReader(ring_folder / f"{topic}.ring")
         raise FileNotFoundError(name)
 
     def child(self, parent: int, word: str = "") -> int:

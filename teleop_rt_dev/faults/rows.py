@@ -175,9 +175,9 @@ class Outcome:
     problem: str
 
 
-def play(row: Row, phase: Phase, seed: int, session: Path) -> Outcome:
+def play(row: Row, phase: Phase, seed: int, ring_folder: Path) -> Outcome:
     """Lead a world to the phase, inject, and judge the reaction; ticks are milliseconds."""
-    world = FaultWorld(session, row.rig, seed, *row.overrides)
+    world = FaultWorld(ring_folder, row.rig, seed, *row.overrides)
     try:
         if row.before_arming:
             row.inject(world)

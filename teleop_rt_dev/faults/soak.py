@@ -40,9 +40,9 @@ def disarmed(world: FaultWorld) -> bool:
 class Soak:
     """One daemon that is harmed again and again."""
 
-    def __init__(self, session: Path, seed: int) -> None:
+    def __init__(self, ring_folder: Path, seed: int) -> None:
         self._random = random.Random(seed)
-        self.world = FaultWorld(session, "canopen", seed)
+        self.world = FaultWorld(ring_folder, "canopen", seed)
         self.world.lead_to("contact")
         self.faults: Counter[str] = Counter()
         self.problems: list[str] = []
@@ -78,8 +78,8 @@ def soak(minutes: float, seed: int) -> dict[str, Any]:
     """Return the result of a soak of so many minutes."""
     end = time.monotonic() + 60 * minutes
     settled = time.monotonic() + 15 * minutes
-    with tempfile.TemporaryDirectory() as session:
-        one = Soak(Path(session), seed)
+    with tempfile.TemporaryDirectory() as ring_folder:
+        one = Soak(Path(ring_folder), seed)
         memory = files = rounds = 0
         while time.monotonic() < end:
             one.step()

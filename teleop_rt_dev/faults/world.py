@@ -55,18 +55,18 @@ class HeardByAxis:
 class FaultWorld:
     """One trial of a rig; `tick` runs everything once, unless the daemon is frozen."""
 
-    def __init__(self, session: Path, rig: str, seed: int, *overrides: str) -> None:
+    def __init__(self, ring_folder: Path, rig: str, seed: int, *overrides: str) -> None:
         changes = [f"rig=../rigs/simulated_{rig}.yaml", f"seed={seed}", *_QUICK, *overrides]
-        self.session = session
+        self.ring_folder = ring_folder
         self.trial = load_trial_file(SILICONE, changes)
-        self.world = LockstepTrial(self.trial, SILICONE.parent, self._open, session)
+        self.world = LockstepTrial(self.trial, SILICONE.parent, self._open, ring_folder)
         self.slave, self.master = self.world.slave, self.world.master.master
         self.closing = contextlib.ExitStack()
         self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.manager.bind(str(session / "notify"))
+        self.manager.bind(str(ring_folder / "notify"))
         self.manager.settimeout(0.0)
         watched = {
-            "NOTIFY_SOCKET": str(session / "notify"),
+            "NOTIFY_SOCKET": str(ring_folder / "notify"),
             "WATCHDOG_USEC": str(WATCHDOG_MS * 1000),
         }
         self.notifier = Notifier(PERIOD_NS, watched)
@@ -103,7 +103,7 @@ class FaultWorld:
 
     def restarted(self) -> Slave:
         """Return the slave of a daemon that was started again on the same rig."""
-        rings = self.session / "again"
+        rings = self.ring_folder / "again"
         rings.mkdir()
         now_ns, endpoint = self.world.clock.now_ns, self.world.slave_endpoint
         return make_slave(self.trial, self.axis, endpoint, now_ns, rings, measure_work=False)

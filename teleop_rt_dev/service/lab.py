@@ -147,7 +147,7 @@ class Lab:
     def state(self) -> float:
         """Return the daemon's newest state; a daemon that has ended was armed before."""
         try:
-            row = RingReader(places(self.environment)[0].session / "slave.ring").newest()
+            row = RingReader(places(self.environment)[0].ring_folder / "slave.ring").newest()
         except (IndexError, FileNotFoundError):
             return State.FAULT
         return State.BOOT if row is None else row[columns(SLAVE)["state"]]

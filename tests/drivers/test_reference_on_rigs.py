@@ -10,7 +10,7 @@ from framed_bench import RIGS
 
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.config.loader import load_trial
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_drivers import opening, registry
@@ -48,7 +48,7 @@ def trial_of(kind, *changes):
 class Run:
     """A lock-step trial, stepped until it follows or stops, with the plant's truth at hand."""
 
-    def __init__(self, trial, session):
+    def __init__(self, trial, ring_folder):
         rigs = []
         opened = opening.open_lock_step
 
@@ -59,7 +59,7 @@ class Run:
 
         opening.open_lock_step = open_both
         try:
-            self.trial = LockstepTrial(trial, TRIAL.parent, open_bench, session)
+            self.trial = LockstepTrial(trial, TRIAL.parent, open_bench, ring_folder)
         finally:
             opening.open_lock_step = opened
         self.rig, self.plant = rigs[0], rigs[0].plant
@@ -79,8 +79,8 @@ class Run:
 @pytest.mark.parametrize("kind", ["unreferenced", "serial", "mixed"])
 def test_zeros_are_found_before_the_axis_follows_and_nothing_jumps(kind):
     changes = () if kind == "unreferenced" else (*TOUCH, f"{PLACE[kind]}.drive.zero=unknown")
-    with new_session() as session:
-        run = Run(trial_of(kind, *changes), session)
+    with new_ring_folder() as ring_folder:
+        run = Run(trial_of(kind, *changes), ring_folder)
         assert run.until(State.RUN)
         found = run.slave.reference.outcome()
         assert found["tare"]["offset"] == pytest.approx(3.2, abs=0.02)
@@ -110,8 +110,8 @@ def test_zeros_are_found_before_the_axis_follows_and_nothing_jumps(kind):
 )
 def test_what_cannot_be_trusted_is_refused_before_anything_follows(change, fault):
     damped = ("plant.drive.idle_damping_N_s_per_m=100000", change)
-    with new_session() as session:
-        run = Run(trial_of("unreferenced", *damped), session)
+    with new_ring_folder() as ring_folder:
+        run = Run(trial_of("unreferenced", *damped), ring_folder)
         assert run.until(State.FAULT)
         assert run.slave.safety.fault.name == fault
         assert run.slave.safety.fault.next_step

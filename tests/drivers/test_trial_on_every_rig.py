@@ -15,7 +15,7 @@ from machine_witness import undisturbed
 
 from teleop_rt.config.loader import load_trial
 from teleop_rt.realtime.reading import read_topics
-from teleop_rt.realtime.session import publish
+from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.signals import TRUTH
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import write_trial
@@ -31,8 +31,8 @@ TRIAL = Path(RIGS).parent / "trials" / "silicone_cube.yaml"
 def open_bench(trial, now_ns):
     axis, rig = opening.open_lock_step(trial.rig, trial.plant, now_ns, trial.seed)
 
-    def publish_truth(session):
-        ring = publish(session, "/truth/plant", TRUTH)
+    def publish_truth(ring_folder):
+        ring = publish(ring_folder, "/truth/plant", TRUTH)
         rig.on_truth = ring.push
 
     return Bench(axis, rig.truth, publish_truth)

@@ -6,7 +6,7 @@ import numpy as np
 
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.realtime.session import Recorder
+from teleop_rt.realtime.ring_folder import Recorder
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.faults.world import FaultWorld
 

@@ -14,9 +14,9 @@ HARDWARE = "operator.rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2
 class World:
     """Slave and master in lock-step; the master's loop can be held up."""
 
-    def __init__(self, session, *changes):
+    def __init__(self, ring_folder, *changes):
         trial = load_trial_file(HANDLE, [HARDWARE, "link.round_trip_ms=20", *changes])
-        self.run = LockstepTrial(trial, HANDLE.parent, open_bench, session)
+        self.run = LockstepTrial(trial, HANDLE.parent, open_bench, ring_folder)
         self.side = self.run.master
         self.master = self.side.master
         self.device = self.side.operator

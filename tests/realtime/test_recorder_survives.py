@@ -12,12 +12,12 @@ import pytest
 
 from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime import session as session_module
+from teleop_rt.realtime import ring_folder as ring_folder_module
 from teleop_rt.realtime.export import recover
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import RECORDER_STATE, Recorder, publish
+from teleop_rt.realtime.ring_folder import RECORDER_STATE, Recorder, publish
 from teleop_rt.signals import Signal
 from teleop_rt.trial.folder import write_json
 
@@ -126,7 +126,7 @@ def test_a_recorder_that_ends_while_the_disk_refuses_is_followed_from_where_that
 
 
 def test_a_disk_that_stays_full_costs_bounded_memory_and_counted_rows(tmp_path, disk, monkeypatch):
-    monkeypatch.setattr(session_module, "MOST_WAITING_BYTES", 20_000)
+    monkeypatch.setattr(ring_folder_module, "MOST_WAITING_BYTES", 20_000)
     ring = publish(tmp_path, "/slave", TABLE)
     writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
     recorder = Recorder(tmp_path, writer)
@@ -187,10 +187,10 @@ import sys, time
 from pathlib import Path
 from teleop_rt.config.section import Units
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.realtime.session import Recorder
-session = Path(sys.argv[1])
-writer = RecordingWriter(session / "r.mcap", Units(position="m", force="N"))
-recorder = Recorder(session, writer)
+from teleop_rt.realtime.ring_folder import Recorder
+ring_folder = Path(sys.argv[1])
+writer = RecordingWriter(ring_folder / "r.mcap", Units(position="m", force="N"))
+recorder = Recorder(ring_folder, writer)
 recorder.discover()
 print("ready", flush=True)
 flushed = 0

@@ -13,8 +13,8 @@ from teleop_rt.realtime.mcap_index import count_messages, time_span
 from teleop_rt.realtime.reading import read_messages, read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.realtime.ring import RingReader, RingWriter
+from teleop_rt.realtime.ring_folder import Recorder, publish
 from teleop_rt.realtime.ring_kernel import row_writer
-from teleop_rt.realtime.session import Recorder, publish
 from teleop_rt.signals import Signal
 
 TABLE = (
@@ -110,7 +110,7 @@ def test_the_writer_alone_makes_and_removes_the_file_and_readers_keep_their_view
     assert reader.read().tolist() == [[7.0]]
 
 
-def test_a_session_is_recorded_whole_with_null_for_what_is_unknown(tmp_path):
+def test_a_run_is_recorded_whole_with_null_for_an_unknown_value(tmp_path):
     ring = publish(tmp_path, "/slave", TABLE)
     recorder = Recorder(tmp_path, RecordingWriter(tmp_path / "r.mcap", UNITS))
     recorder.discover()

@@ -10,8 +10,8 @@ from teleop_rt.realtime.export import export, recover
 from teleop_rt.realtime.parts import part, parts
 from teleop_rt.realtime.reading import read_metadata, read_topics
 from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.realtime.ring_folder import Recorder, publish
 from teleop_rt.realtime.rotation import RotatingWriter, Sizes
-from teleop_rt.realtime.session import Recorder, publish
 from teleop_rt.signals import Signal
 
 TABLE = (Signal("stamp_ns", "ns", "time"), Signal("force", "{f}", "force"))
@@ -28,7 +28,7 @@ class Clock:
         return self.now
 
 
-class Session:
+class RecordedRun:
     """Rings that a loop pushes into, and one recorder after the other beside it."""
 
     def __init__(self, folder, sizes=MANY):
@@ -65,100 +65,100 @@ class Session:
 
 
 def test_a_part_that_is_large_or_old_is_followed_by_the_next_and_all_are_read_as_one(tmp_path):
-    session = Session(tmp_path)
-    session.record(1000)
-    by_size = len(parts(session.recording))
+    run = RecordedRun(tmp_path)
+    run.record(1000)
+    by_size = len(parts(run.recording))
     assert by_size >= 4
-    for path in parts(session.recording)[:-1]:
+    for path in parts(run.recording)[:-1]:
         assert 4000 <= path.stat().st_size < 8000
         assert read_metadata(path, "made-by") == {"rig": "bench"}
-    session.sizes = session.recorder.writer.sizes = Sizes(10**9, 60.0, 10**9)
-    session.turn()
-    assert len(parts(session.recording)) == by_size
-    session.clock.now += 60
-    session.record(100)
-    assert len(parts(session.recording)) == by_size + 1
-    session.recorder.close()
-    assert session.forces() == list(range(1100))
-    (alone,) = parts(parts(session.recording)[1])
+    run.sizes = run.recorder.writer.sizes = Sizes(10**9, 60.0, 10**9)
+    run.turn()
+    assert len(parts(run.recording)) == by_size
+    run.clock.now += 60
+    run.record(100)
+    assert len(parts(run.recording)) == by_size + 1
+    run.recorder.close()
+    assert run.forces() == list(range(1100))
+    (alone,) = parts(parts(run.recording)[1])
     assert 0 < read_topics(alone, ["/slave"])["/slave"]["force"].size < 1100
 
 
 def test_parts_are_exported_and_recovered_as_one_file(tmp_path):
-    session = Session(tmp_path)
-    session.record(1000)
+    run = RecordedRun(tmp_path)
+    run.record(1000)
     (tmp_path / "r.part12.mcap").write_text("no part: too few digits")
     (tmp_path / "rr.part0002.mcap").write_text("another recording's")
-    assert export(session.recording, tmp_path / "t.npz", "/slave") == session.pushed
-    assert recover(session.recording, tmp_path / "whole.mcap") == session.pushed
+    assert export(run.recording, tmp_path / "t.npz", "/slave") == run.pushed
+    assert recover(run.recording, tmp_path / "whole.mcap") == run.pushed
     whole = read_topics(tmp_path / "whole.mcap", ["/slave"])["/slave"]["force"]
     assert whole.tolist() == list(range(1000))
     assert read_metadata(tmp_path / "whole.mcap", "made-by") == {"rig": "bench"}
 
 
 def test_the_oldest_parts_make_room_but_never_the_last_two(tmp_path):
-    session = Session(tmp_path, Sizes(part_bytes=4000, part_s=1e9, kept_bytes=14_000))
-    session.record(3000)
-    left = parts(session.recording)
+    run = RecordedRun(tmp_path, Sizes(part_bytes=4000, part_s=1e9, kept_bytes=14_000))
+    run.record(3000)
+    left = parts(run.recording)
     assert 2 <= len(left) <= 4
     assert sum(path.stat().st_size for path in left[:-1]) <= 14_000
-    assert not session.recording.exists()
-    forces = session.forces()
+    assert not run.recording.exists()
+    forces = run.forces()
     assert forces == list(range(3000 - len(forces), 3000))
-    session.recorder.writer.sizes = Sizes(4000, 1e9, 1, kept_parts=2)
-    before = session.pushed
-    session.record(1000)
-    assert len(parts(session.recording)) == 2
-    assert session.forces()[-1] == before + 999
-    session.recorder.writer.sizes = Sizes(4000, 1e9, 10**9, kept_parts=3)
-    session.record(1000)
-    assert len(parts(session.recording)) == 3
+    run.recorder.writer.sizes = Sizes(4000, 1e9, 1, kept_parts=2)
+    before = run.pushed
+    run.record(1000)
+    assert len(parts(run.recording)) == 2
+    assert run.forces()[-1] == before + 999
+    run.recorder.writer.sizes = Sizes(4000, 1e9, 10**9, kept_parts=3)
+    run.record(1000)
+    assert len(parts(run.recording)) == 3
 
 
 def test_the_last_second_before_a_fault_is_there_whatever_is_rotated_meanwhile(tmp_path):
     """No part that the config allows is shorter than a second, which is 1000 rows here."""
-    session = Session(tmp_path, Sizes(part_bytes=10**9, part_s=1.0, kept_bytes=1))
+    run = RecordedRun(tmp_path, Sizes(part_bytes=10**9, part_s=1.0, kept_bytes=1))
     for tenth in range(1, 36):
-        session.clock.now += 0.1
-        session.record(100)
+        run.clock.now += 0.1
+        run.record(100)
         if tenth in {10, 11, 19, 20, 21, 30, 31, 35}:
-            forces = session.forces()
-            assert forces == list(range(int(forces[0]), session.pushed))
+            forces = run.forces()
+            assert forces == list(range(int(forces[0]), run.pushed))
             assert len(forces) >= 1000
-    assert len(parts(session.recording)) == 2
-    assert not session.recording.exists()
+    assert len(parts(run.recording)) == 2
+    assert not run.recording.exists()
 
 
 @pytest.mark.parametrize("rows_since_the_last_flush", [0, 70])
 def test_a_recorder_that_crashed_is_followed_by_one_that_loses_nothing(
     tmp_path, rows_since_the_last_flush
 ):
-    session = Session(tmp_path)
-    session.record(200)
-    session.push(rows_since_the_last_flush)
-    session.recorder.drain()  # and then it is killed: nothing is finished, nothing handed over
-    session.push(300)
-    session.recorder = session.new_recorder()
-    session.record(100)
-    session.recorder.close()
-    assert session.forces() == list(range(session.pushed))
-    assert session.recorder.dropped == {"/slave": 0}
+    run = RecordedRun(tmp_path)
+    run.record(200)
+    run.push(rows_since_the_last_flush)
+    run.recorder.drain()  # and then it is killed: nothing is finished, nothing handed over
+    run.push(300)
+    run.recorder = run.new_recorder()
+    run.record(100)
+    run.recorder.close()
+    assert run.forces() == list(range(run.pushed))
+    assert run.recorder.dropped == {"/slave": 0}
 
 
 def test_rows_that_were_written_but_not_confirmed_are_read_once(tmp_path):
-    session = Session(tmp_path, Sizes(10**9, 1e9, 10**9))
-    session.record(200)
-    session.push(100)
-    session.recorder.drain()
-    session.recorder.flush()  # and killed before it could say so
-    session.recorder = session.new_recorder()
-    session.record(50)
-    session.recorder.close()
-    first = rows_of_the_first_part(session.recording)
-    second = read_topics(part(session.recording, 2), ["/slave"])["/slave"]["force"]
+    run = RecordedRun(tmp_path, Sizes(10**9, 1e9, 10**9))
+    run.record(200)
+    run.push(100)
+    run.recorder.drain()
+    run.recorder.flush()  # and killed before it could say so
+    run.recorder = run.new_recorder()
+    run.record(50)
+    run.recorder.close()
+    first = rows_of_the_first_part(run.recording)
+    second = read_topics(part(run.recording, 2), ["/slave"])["/slave"]["force"]
     assert first == 300
     assert second[0] == 200
-    assert session.forces() == list(range(350))
+    assert run.forces() == list(range(350))
 
 
 def rows_of_the_first_part(path) -> int:
@@ -169,16 +169,16 @@ def rows_of_the_first_part(path) -> int:
 
 
 def test_what_was_overrun_while_no_recorder_ran_is_counted_on(tmp_path):
-    session = Session(tmp_path)
-    session.record(100)
-    session.recorder.dropped_before = {"/slave": 7, "/gone": 1}
-    session.turn()
-    session.push(10_000)
-    session.recorder = session.new_recorder()
-    session.turn()
+    run = RecordedRun(tmp_path)
+    run.record(100)
+    run.recorder.dropped_before = {"/slave": 7, "/gone": 1}
+    run.turn()
+    run.push(10_000)
+    run.recorder = run.new_recorder()
+    run.turn()
     lost = 10_000 - 8191
-    assert session.recorder.dropped == {"/slave": lost + 7, "/gone": 1}
-    forces = session.forces()
+    assert run.recorder.dropped == {"/slave": lost + 7, "/gone": 1}
+    forces = run.forces()
     assert len(forces) == 100 + 8191
     assert forces[100] == 100 + lost
 
@@ -210,20 +210,20 @@ def test_parts_whose_topics_came_in_another_order_are_not_mixed_up(tmp_path):
 
 
 def test_a_disk_that_refuses_the_next_part_keeps_the_last_one_going(tmp_path, monkeypatch):
-    session = Session(tmp_path)
+    run = RecordedRun(tmp_path)
 
     def refused(*_):
         raise RecordingError("r.part0002.mcap: cannot be written: Read-only file system")
 
     with monkeypatch.context() as read_only:
         read_only.setattr("teleop_rt.realtime.rotation.RecordingWriter", refused)
-        session.record(1000)
-        assert "Read-only file system" in session.recorder.alarm
-    assert parts(session.recording) == [session.recording]
-    session.record(50)
-    assert session.recorder.alarm == ""
-    assert len(parts(session.recording)) == 2
-    assert session.forces() == list(range(1050))
+        run.record(1000)
+        assert "Read-only file system" in run.recorder.alarm
+    assert parts(run.recording) == [run.recording]
+    run.record(50)
+    assert run.recorder.alarm == ""
+    assert len(parts(run.recording)) == 2
+    assert run.forces() == list(range(1050))
 
 
 def test_a_recording_that_is_not_there_is_reported_by_its_own_name(tmp_path):

@@ -1,4 +1,4 @@
-"""A folder of runs of the test's own, and a session in it."""
+"""A folder of runs of the test's own, and a ring folder beside it."""
 
 import pytest
 
@@ -11,7 +11,7 @@ def run_dir(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def session(tmp_path):
+def ring_folder(tmp_path):
     folder = tmp_path / "teleop-rt-1-abc"
     folder.mkdir()
     return folder

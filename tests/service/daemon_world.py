@@ -62,22 +62,22 @@ class Asked:
 class DaemonWorld:
     """Slave daemon, master and simulated rig, stepped together."""
 
-    def __init__(self, session: Path, environment: dict[str, str] | None = None) -> None:
-        self.session = session
+    def __init__(self, ring_folder: Path, environment: dict[str, str] | None = None) -> None:
+        self.ring_folder = ring_folder
         self.trial = LockstepTrial(
             load_trial_file(SILICONE, ["link.round_trip_ms=0", "link.loss=0", "link.jitter_ms=0"]),
             SILICONE.parent,
             self._open,
-            session,
+            ring_folder,
         )
         self.slave = self.trial.slave
         # As its process would be timed, and no sooner armed than by a command.
         self.slave._measure_work = True
         notifier = Notifier(self.trial.trial.rig.period_ns, environment or {})
-        histograms = TimingHistograms(session, create=True)
-        self.daemon = Daemon(self.slave, session, notifier, histograms)
-        self.server = CommandServer(session)
-        (session / "daemon.json").write_text(
+        histograms = TimingHistograms(ring_folder, create=True)
+        self.daemon = Daemon(self.slave, ring_folder, notifier, histograms)
+        self.server = CommandServer(ring_folder)
+        (ring_folder / "daemon.json").write_text(
             '{"trial_file": "t.yaml", "overrides": [], "rig": "r", "trial": "t"}'
         )
         self.slave.configure()

@@ -19,12 +19,12 @@ pytestmark = pytest.mark.usefixtures("run_dir")
 
 
 def test_a_run_is_reported_at_once_as_taking_no_commands_and_never_taken_for_the_daemon(
-    session, tmp_path, monkeypatch
+    ring_folder, tmp_path, monkeypatch
 ):
     asked = Passing()
     monkeypatch.setattr(client, "time", asked)
-    with claimed("Run", ["can0"], session):
-        refuse_commands(session)
+    with claimed("Run", ["can0"], ring_folder):
+        refuse_commands(ring_folder)
         with pytest.raises(DaemonError, match=r"runs a trial on the rig 'run' and takes no comm"):
             request("status", None)
         assert asked.monotonic() == 0.0
@@ -51,7 +51,7 @@ class Passing:
 
 
 @pytest.fixture
-def own_session(tmp_path):
+def own_ring_folder(tmp_path):
     folder = tmp_path / f"teleop-rt-{os.getpid()}-ab"
     folder.mkdir()
     return folder
@@ -79,21 +79,21 @@ class Served:
         self._listening.close()
 
 
-def test_a_daemon_without_a_command_server_is_distinguished_from_none(own_session, monkeypatch):
+def test_a_daemon_without_a_command_server_is_distinguished_from_none(own_ring_folder, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
     result = f"process {os.getpid()} runs the rig 'bench-rig' but"
-    with claimed("Bench rig", ["can0"], own_session), pytest.raises(DaemonError, match=result):
+    with claimed("Bench rig", ["can0"], own_ring_folder), pytest.raises(DaemonError, match=result):
         request("status", None)
     with pytest.raises(DaemonError, match=r"no daemon is running here.*some seconds"):
         request("status", None)
 
 
-def test_a_daemon_between_two_configs_is_waited_for(own_session, monkeypatch):
+def test_a_daemon_between_two_configs_is_waited_for(own_ring_folder, monkeypatch):
     starting, well = b'{"ok": false, "problem": "starting", "again": true}\n', b'{"ok": true}\n'
     with Claim() as claim:
-        place = claim.take("Bench rig", ["can0"], own_session)
-        own_session.rmdir()  # the rings of the config before
-        after = own_session.with_name(f"teleop-rt-{os.getpid()}-cd")
+        place = claim.take("Bench rig", ["can0"], own_ring_folder)
+        own_ring_folder.rmdir()  # the rings of the config before
+        after = own_ring_folder.with_name(f"teleop-rt-{os.getpid()}-cd")
         after.mkdir()
         served = []
         passing = Passing(
@@ -106,16 +106,19 @@ def test_a_daemon_between_two_configs_is_waited_for(own_session, monkeypatch):
         assert served[0].heard == ["status"] * 3
 
 
-def test_a_run_beside_a_daemon_is_not_taken_for_one(session, own_session):
-    with claimed("Run", ["can0"], session), claimed("Daemon", ["can1"], own_session) as daemon:
+def test_a_run_beside_a_daemon_is_not_taken_for_one(ring_folder, own_ring_folder):
+    with (
+        claimed("Run", ["can0"], ring_folder),
+        claimed("Daemon", ["can1"], own_ring_folder) as daemon,
+    ):
         bind(daemon.socket).close()  # as between two configs
         assert find() == daemon
         assert find("Run").name == "run"
 
 
-def test_a_command_whose_answer_is_lost_is_not_given_twice(own_session, monkeypatch):
+def test_a_command_whose_answer_is_lost_is_not_given_twice(own_ring_folder, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
-    with claimed("Bench rig", ["can0"], own_session) as place:
+    with claimed("Bench rig", ["can0"], own_ring_folder) as place:
         served = Served(place, b"")
         with pytest.raises(DaemonError, match="the daemon does not answer"):
             request("start", None)
@@ -123,46 +126,51 @@ def test_a_command_whose_answer_is_lost_is_not_given_twice(own_session, monkeypa
     assert served.heard == ["start"]
 
 
-def test_a_stop_whose_answer_is_lost_is_given_again(own_session, monkeypatch):
+def test_a_stop_whose_answer_is_lost_is_given_again(own_ring_folder, monkeypatch):
     """It does no harm twice, and a daemon that reloads breaks off whoever asks."""
     monkeypatch.setattr(client, "time", Passing())
-    with claimed("Bench rig", ["can0"], own_session) as place:
+    with claimed("Bench rig", ["can0"], own_ring_folder) as place:
         served = Served(place, b"", b'{"ok": true}\n')
         assert request("stop", None) == {"ok": True}
         served.end()
     assert served.heard == ["stop", "stop"]
 
 
-def test_a_stop_that_nobody_takes_is_reported_with_what_stops_the_axis(own_session, monkeypatch):
+def test_a_stop_that_nobody_takes_is_reported_with_what_stops_the_axis(
+    own_ring_folder, monkeypatch
+):
     """A command server that hangs takes connections in, for the kernel does so."""
     monkeypatch.setattr(client, "time", Passing())
     monkeypatch.setitem(client._TIMEOUT_S, "stop", 0.005)
     said = rf"`kill {os.getpid()}` \(`systemctl stop`\) stops"
     with (
-        claimed("Bench rig", ["can0"], own_session) as place,
+        claimed("Bench rig", ["can0"], own_ring_folder) as place,
         bind(place.socket),
         pytest.raises(DaemonError, match=said),
     ):
         request("stop", None)
 
 
-def test_a_reload_is_reported_once_the_daemon_runs_with_its_config(own_session, monkeypatch):
+def test_a_reload_is_reported_once_the_daemon_runs_with_its_config(own_ring_folder, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
     before, after = (
         json.dumps({"ok": True, "status": {"folder": folder}}).encode() + b"\n"
         for folder in ("run", "run-2")
     )
-    with claimed("Bench rig", ["can0"], own_session) as place:
+    with claimed("Bench rig", ["can0"], own_ring_folder) as place:
         served = Served(place, before, before, b"", after)
         assert request_reload(None)["status"]["folder"] == "run-2"
         served.end()
     assert served.heard == ["reload", "status", "status", "status"]
 
 
-def test_a_user_who_may_not_command_the_daemon_is_refused_at_once(own_session, monkeypatch):
+def test_a_user_who_may_not_command_the_daemon_is_refused_at_once(own_ring_folder, monkeypatch):
     def refused(*_):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(client, "connect", refused)
-    with claimed("Bench rig", ["can0"], own_session), pytest.raises(DaemonError, match="may not"):
+    with (
+        claimed("Bench rig", ["can0"], own_ring_folder),
+        pytest.raises(DaemonError, match="may not"),
+    ):
         request("status", None)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime.recording import RecordingWriter
-from teleop_rt.realtime.session import Recorder
+from teleop_rt.realtime.ring_folder import Recorder
 from teleop_rt.service import commands, server
 from teleop_rt.service.commands import lines
 from teleop_rt.service.connections import LONGEST_REQUEST
@@ -290,7 +290,7 @@ REQUESTS = st.recursive(WORDS, lambda one: st.lists(one) | st.dictionaries(st.te
 )
 @example(b"[" * LONGEST_REQUEST)
 def test_any_request_is_refused_in_a_sentence_or_known(request_line):
-    answer = CommandServer(Path("/no/session")).answer(request_line)
+    answer = CommandServer(Path("/no/rings")).answer(request_line)
     assert not answer["ok"]
     assert isinstance(answer["problem"], str)
 
@@ -333,7 +333,9 @@ def test_a_safeguard_that_the_rig_goes_without_is_the_red_line_of_the_status(
 ):
     trial = load_trial_file(SILICONE, ["rig=../rigs/simulated_serial.yaml"])
     (missing,) = trial.rig.unsafe
-    alone = Alone("slave", trial.name, SILICONE, [], ready.session, ready.session, None, None)
+    alone = Alone(
+        "slave", trial.name, SILICONE, [], ready.ring_folder, ready.ring_folder, None, None
+    )
     alone.describe(trial, [], "")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     monkeypatch.delenv("NO_COLOR", raising=False)
@@ -345,10 +347,10 @@ def test_a_safeguard_that_the_rig_goes_without_is_the_red_line_of_the_status(
 def test_alarms_of_the_disk_and_of_rows_that_were_dropped_reach_the_status(ready, monkeypatch):
     status = ready.ask("status")["status"]
     assert (status["alarms"], status["recorder"]["dropped"]) == ([], {})
-    monkeypatch.setattr("teleop_rt.realtime.session.MOST_WAITING_BYTES", 1000)
-    full = ready.session / "full.mcap"
+    monkeypatch.setattr("teleop_rt.realtime.ring_folder.MOST_WAITING_BYTES", 1000)
+    full = ready.ring_folder / "full.mcap"
     full.symlink_to("/dev/full")
-    recorder = Recorder(ready.session, RecordingWriter(full, ready.trial.trial.rig.units))
+    recorder = Recorder(ready.ring_folder, RecordingWriter(full, ready.trial.trial.rig.units))
     for _ in range(3):
         recorder.discover()
         recorder.drain()

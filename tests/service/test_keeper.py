@@ -10,7 +10,7 @@ import time
 import pytest
 
 from teleop_rt.realtime.leftovers import began
-from teleop_rt.realtime.session import RING_ROWS
+from teleop_rt.realtime.ring_folder import RING_ROWS
 from teleop_rt.realtime.state_file import leave
 from teleop_rt.service.keeper import PAUSES_S, Restarts, watched
 from teleop_rt.service.status import unwatched
@@ -44,11 +44,11 @@ class Kept:
     """A keeper with its helper, which leaves a file for each of its runs."""
 
     def __init__(self, folder, how):
-        self.session, self.runs = folder / "session", folder / "runs"
-        self.session.mkdir()
+        self.ring_folder, self.runs = folder / "rings", folder / "runs"
+        self.ring_folder.mkdir()
         self.runs.mkdir()
         (folder / "helper.py").write_text(HELPER)
-        words = ["recorder", self.session, "helper", self.runs, how]
+        words = ["recorder", self.ring_folder, "helper", self.runs, how]
         self.process = subprocess.Popen(
             [sys.executable, "-m", "teleop_rt.service.keeper", *map(str, words)],
             stdout=subprocess.PIPE,
@@ -69,7 +69,7 @@ class Kept:
         return [int(path.name) for path in files]
 
     def restarts(self, count: int) -> dict:
-        path = self.session / "recorder.keeper"
+        path = self.ring_folder / "recorder.keeper"
         while not path.exists() or json.loads(path.read_text())["restarts"] < count:
             time.sleep(0.005)
         state = json.loads(path.read_text())
@@ -142,16 +142,16 @@ def test_a_keeper_that_is_killed_is_reported_and_whether_its_helper_goes_on(kept
     one = kept("well")
     assert one.event() == {"event": "ready"}
     (helper,) = one.helpers(1)
-    assert watched(one.session, "recorder")
-    assert list(unwatched(one.session)) == []
+    assert watched(one.ring_folder, "recorder")
+    assert list(unwatched(one.ring_folder)) == []
     killed(one.process.pid)
-    assert not watched(one.session, "recorder")
-    (alarm,) = unwatched(one.session)
+    assert not watched(one.ring_folder, "recorder")
+    (alarm,) = unwatched(one.ring_folder)
     assert "keeper of the recorder was killed: the daemon records on, but" in alarm
     os.kill(helper, signal.SIGKILL)
     while began(helper) is not None:  # it is another process's child now
         time.sleep(0.005)
-    (alarm,) = unwatched(one.session)
+    (alarm,) = unwatched(one.ring_folder)
     assert "keeper of the recorder was killed: the daemon records no more" in alarm
 
 

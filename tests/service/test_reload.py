@@ -33,11 +33,11 @@ class Rounds:
     def side(self, _name, trial_file, *_where, as_json, trial):
         self.given.append(trial)
         self.taken.append("begins")
-        session = self.folder / str(len(self.given))
-        session.mkdir()
+        ring_folder = self.folder / str(len(self.given))
+        ring_folder.mkdir()
         emit = lambda event, **_: self.told.append(event)  # noqa: E731
         self.ran.append(trial or load_trial_file(trial_file, None))
-        yield Side(self.ran[-1], session, session, emit, None)
+        yield Side(self.ran[-1], ring_folder, ring_folder, emit, None)
 
     def prepare(self, *_, **__) -> list:
         self.taken.append("prepared")

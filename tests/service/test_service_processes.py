@@ -43,7 +43,7 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     assert READY in lab.heard()
     status = lab.settled()
     assert (status["state"], status["pid"]) == ("DISARMED", daemon.pid)
-    assert (Path(status["session"]) / "slave.ring").exists()
+    assert (Path(status["ring_folder"]) / "slave.ring").exists()
     while lab.polled()["tick"] < status["tick"] + RATE_HZ:
         time.sleep(POLL_S)
     assert b"WATCHDOG=1" in lab.heard()
@@ -137,7 +137,7 @@ def test_a_daemon_comes_back_disarmed_on_its_rig_killed_reloaded_or_ended_in_goo
     assert [one.partition(b"\n")[0] for one in result] == [longer, b"RELOADING=1", shorter, READY]
     after = lab.settled()
     assert (after["pid"], after["state"]) == (second.pid, "DISARMED")
-    assert after["session"] != before["session"]
+    assert after["ring_folder"] != before["ring_folder"]
     assert os.sched_getscheduler(lab.helper("recorder")) == os.SCHED_OTHER
 
     second.terminate()

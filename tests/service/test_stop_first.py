@@ -78,7 +78,7 @@ def test_a_stop_does_not_wait_for_a_check_that_hangs_or_for_five_commands(runnin
 
 def test_an_arm_asked_before_a_stop_and_not_seen_is_dropped(running):
     running.ask("stop")
-    box = CommandBox(running.session)
+    box = CommandBox(running.ring_folder)
     number = box.request(Command.ARM)
     stop = box.ask_to_stop()
     assert running.ticks(1) is State.DISARMED
@@ -89,7 +89,7 @@ def test_an_arm_asked_before_a_stop_and_not_seen_is_dropped(running):
 
 def test_an_arm_left_behind_by_a_killed_server_is_not_carried_out(running, monkeypatch):
     running.ask("stop")
-    box = CommandBox(running.session)
+    box = CommandBox(running.ring_folder)
     number = box.request(Command.ARM)  # the loop is away; the server that asked is killed
     later = box._words[4] + 1  # its deadline, which the loop reads from the same place
     monkeypatch.setattr(
@@ -114,7 +114,7 @@ def test_a_request_counts_while_its_server_looks_after_it(tmp_path, monkeypatch)
     assert loop.poll() is Command.RESET
 
 
-class Session:
+class ServedSocket:
     """A control socket with clients, and their requests."""
 
     def __init__(self, folder) -> None:
@@ -145,45 +145,45 @@ class Session:
 
 
 def test_a_stop_is_taken_in_at_once_among_silent_talkative_and_slow_clients(tmp_path):
-    session = Session(tmp_path)
+    served = ServedSocket(tmp_path)
     clients = []
     for kind in (b"", b"half", b"slow\n") * 30:
-        clients.append(session.client(kind) if kind else session.client())
-        session.connections.serve_once(0.0)
-    session.connections.serve_once(0.0)
-    assert session.asked.count(b"slow") == 30
-    stopping = session.client(b"stop\n")
-    session.connections.serve_once(0.0)
-    session.connections.serve_once(0.0)
-    assert session.asked[-1] == b"stop"
+        clients.append(served.client(kind) if kind else served.client())
+        served.connections.serve_once(0.0)
+    served.connections.serve_once(0.0)
+    assert served.asked.count(b"slow") == 30
+    stopping = served.client(b"stop\n")
+    served.connections.serve_once(0.0)
+    served.connections.serve_once(0.0)
+    assert served.asked[-1] == b"stop"
     assert stopping.recv(100) == b'{"asked": "stop"}\n'
-    session.end([*clients, stopping])
+    served.end([*clients, stopping])
 
 
 def test_a_stop_overtakes_requests_that_were_accepted_before_it(tmp_path):
-    session = Session(tmp_path)
-    clients = [session.client(b"status\n") for _ in range(40)]
-    clients.append(session.client(b"stop\n"))
-    session.connections.serve_once(0.0)
-    assert session.asked[0] == b"stop"
-    while len(session.asked) < len(clients):
-        session.connections.serve_once(0.0)
-    assert session.asked.count(b"status") == 40
-    session.end(clients)
+    served = ServedSocket(tmp_path)
+    clients = [served.client(b"status\n") for _ in range(40)]
+    clients.append(served.client(b"stop\n"))
+    served.connections.serve_once(0.0)
+    assert served.asked[0] == b"stop"
+    while len(served.asked) < len(clients):
+        served.connections.serve_once(0.0)
+    assert served.asked.count(b"status") == 40
+    served.end(clients)
 
 
 def test_more_clients_than_there_is_room_for_drop_the_longest_silent_one(tmp_path):
-    session = Session(tmp_path)
+    served = ServedSocket(tmp_path)
     clients = []
     for _ in range(260):
-        clients.append(session.client())
-        session.connections.serve_once(0.0)
-    assert len(session.connections.clients) <= 200
-    clients.append(session.client(b"stop\n"))
-    session.connections.serve_once(0.0)
-    session.connections.serve_once(0.0)
-    assert session.asked == [b"stop"]
-    session.end(clients)
+        clients.append(served.client())
+        served.connections.serve_once(0.0)
+    assert len(served.connections.clients) <= 200
+    clients.append(served.client(b"stop\n"))
+    served.connections.serve_once(0.0)
+    served.connections.serve_once(0.0)
+    assert served.asked == [b"stop"]
+    served.end(clients)
 
 
 CROWD = """
@@ -198,23 +198,23 @@ sys.stdin.read()
 
 
 def test_a_process_that_takes_every_place_takes_none_of_another_process(tmp_path):
-    session = Session(tmp_path)
-    first = session.client()  # connected, and about to send its command
-    session.connections.serve_once(0.0)
-    words = [sys.executable, "-c", CROWD, str(session.place)]
+    served = ServedSocket(tmp_path)
+    first = served.client()  # connected, and about to send its command
+    served.connections.serve_once(0.0)
+    words = [sys.executable, "-c", CROWD, str(served.place)]
     with subprocess.Popen(words, stdin=subprocess.PIPE) as crowd:
-        while len(session.connections.clients) < MOST_CLIENTS:
-            session.connections.serve_once(0.01)
+        while len(served.connections.clients) < MOST_CLIENTS:
+            served.connections.serve_once(0.01)
         for _ in range(100):
-            session.connections.serve_once(0.001)
+            served.connections.serve_once(0.001)
         first.sendall(b"stop\n")
-        session.connections.serve_once(0.0)
-        assert session.asked == [b"stop"]
+        served.connections.serve_once(0.0)
+        assert served.asked == [b"stop"]
         assert first.recv(100) == b'{"asked": "stop"}\n'
-        assert len(session.connections.clients) <= MOST_CLIENTS
+        assert len(served.connections.clients) <= MOST_CLIENTS
         assert crowd.stdin is not None
         crowd.stdin.close()
-    session.end([first])
+    served.end([first])
 
 
 def test_a_check_that_hangs_is_ended_and_says_so(tmp_path, monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import LockstepTrial, run_lockstep
 from teleop_rt.trial.summary import summarise
@@ -43,8 +43,8 @@ class Run:
         file = TRIALS / trial
         self.trial = load_trial_file(file, [f"duration_s={seconds}", *changes])
         rows = []
-        with new_session() as session:
-            run = LockstepTrial(self.trial, file.parent, open_bench, session)
+        with new_ring_folder() as ring_folder:
+            run = LockstepTrial(self.trial, file.parent, open_bench, ring_folder)
             run.slave.configure()
             self.master, self.slave = run.master.master, run.slave
             for _ in range(round(seconds * 1000)):

@@ -41,11 +41,11 @@ class Tap(can.BusABC):
         self.inner.shutdown()
 
 
-def run(trial, open_bench, session, link=None):
+def run(trial, open_bench, ring_folder, link=None):
     """Step a trial by hand; returns the rows of both sides."""
-    session.mkdir()
-    stepped = LockstepTrial(trial, SILICONE.parent, open_bench, session, link)
-    readers = {name: RingReader(session / f"{name}.ring") for name in ("slave", "master")}
+    ring_folder.mkdir()
+    stepped = LockstepTrial(trial, SILICONE.parent, open_bench, ring_folder, link)
+    readers = {name: RingReader(ring_folder / f"{name}.ring") for name in ("slave", "master")}
     stepped.slave.configure()
     for _ in range(TICKS):
         stepped.step()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.cli.wiring import load_trial_file, open_bench
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.paths import TRIALS
 
@@ -18,8 +18,8 @@ def felt_error(seconds: float, since_s: float, *overrides: str) -> float:
     """Return the error of the felt force beside the plant's own law, as a share of its range."""
     trial = load_trial_file(FILE, [f"duration_s={seconds}", *overrides])
     rows = []
-    with new_session() as session:
-        run = LockstepTrial(trial, FILE.parent, open_bench, session)
+    with new_ring_folder() as ring_folder:
+        run = LockstepTrial(trial, FILE.parent, open_bench, ring_folder)
         run.slave.configure()
         master = run.master.master
         for tick in range(round(seconds * 1000)):

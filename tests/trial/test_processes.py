@@ -13,7 +13,7 @@ from lean_install import without_report
 from machine_witness import undisturbed
 
 from teleop_rt.realtime.reading import read_topics
-from teleop_rt.realtime.session import new_session
+from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.trial.closed_loop import run_into
 from teleop_rt_dev.trial.files import SILICONE
@@ -248,7 +248,7 @@ def test_a_killed_run_takes_its_processes_with_it(tmp_path):
         while Path(f"/proc/{child}").exists() and b"Z" not in state_of(child):
             time.sleep(0.05)
     assert left_by([running.process.pid, *children.values()])
-    with new_session():  # as at the next start
+    with new_ring_folder():  # as at the next start
         sweep_buses()
     assert not left_by([running.process.pid, *children.values()])
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from teleop_rt.cli.wiring import load_trial_file
-from teleop_rt.realtime.session import LAST_FAULT, describe
+from teleop_rt.realtime.ring_folder import LAST_FAULT, describe
 from teleop_rt.realtime.state_file import leave
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.recorder_main import recorder_main

@@ -22,7 +22,7 @@ from browser import (
 from page_checks import check_names, contrast_failures
 
 from teleop_rt.cli.wiring import open_bench
-from teleop_rt.realtime.session import describe, new_session
+from teleop_rt.realtime.ring_folder import describe, new_ring_folder
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import recording_metadata
@@ -43,7 +43,7 @@ def browser(chromium):
 
 @pytest.fixture
 def simulated():
-    """Give a trial that is stepped by hand, and its simulated rig, published in a session."""
+    """Give a trial that is stepped by hand, and its simulated rig, published in a ring folder."""
     rigs = []
 
     def with_rig(trial, now_ns):
@@ -51,9 +51,9 @@ def simulated():
         rigs.append(rig)
         return Bench(axis, rig.truth)
 
-    with new_session() as session:
-        trial = LockstepTrial(silicone(), SILICONE.parent, with_rig, session)
-        describe(session, recording_metadata(trial.trial))
+    with new_ring_folder() as ring_folder:
+        trial = LockstepTrial(silicone(), SILICONE.parent, with_rig, ring_folder)
+        describe(ring_folder, recording_metadata(trial.trial))
         trial.slave.configure()
         yield trial, rigs[0]
 

@@ -1,4 +1,4 @@
-"""Data of the live page: rows of a session or a recording, and the lamps made of them."""
+"""Data of the live page: rows of a run or a recording, and the lamps made of them."""
 
 import os
 
@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import describe, new_session
+from teleop_rt.realtime.ring_folder import describe, new_ring_folder
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.estimators import recording_metadata
 from teleop_rt.trial.lockstep_run import LockstepTrial
@@ -18,19 +18,19 @@ from teleop_rt_dev.trial.files import SILICONE, silicone
 pytest.importorskip("bokeh")
 
 from teleop_rt.view.live.feed import Feed, Thinner, Window
-from teleop_rt.view.live.source import RecordingSource, RingSource, find_session
+from teleop_rt.view.live.source import RecordingSource, RingSource, find_ring_folder
 from teleop_rt.view.live.words import chain, fault
 
 
 @pytest.fixture
-def session():
-    with new_session() as folder:
+def ring_folder():
+    with new_ring_folder() as folder:
         yield folder
 
 
-def started(session, *changes):
-    trial = LockstepTrial(silicone(*changes), SILICONE.parent, open_bench, session)
-    describe(session, recording_metadata(trial.trial))
+def started(ring_folder, *changes):
+    trial = LockstepTrial(silicone(*changes), SILICONE.parent, open_bench, ring_folder)
+    describe(ring_folder, recording_metadata(trial.trial))
     trial.slave.configure()
     return trial
 
@@ -40,9 +40,9 @@ def steps(trial, count):
         trial.step()
 
 
-def test_a_running_session_is_found_and_shows_state_force_and_model(session):
-    trial = started(session)
-    feed = Feed(RingSource(lambda: find_session(os.getpid())), 10.0)
+def test_a_run_is_found_and_shows_state_force_and_model(ring_folder):
+    trial = started(ring_folder)
+    feed = Feed(RingSource(lambda: find_ring_folder(os.getpid())), 10.0)
     for _ in range(40):
         steps(trial, 100)
         feed.poll()
@@ -59,12 +59,12 @@ def test_a_running_session_is_found_and_shows_state_force_and_model(session):
     assert shown[-1] - shown[0] > 1.9e9
 
 
-def test_packets_refused_are_those_of_both_ends_as_in_the_summary(session):
-    trial = started(session)
+def test_packets_refused_are_those_of_both_ends_as_in_the_summary(ring_folder):
+    trial = started(ring_folder)
     for end, packets in ((trial.slave_endpoint, 3), (trial.master_endpoint, 2)):
         for _ in range(packets):
             end.statistics.reject("authentication")
-    feed = Feed(RingSource(lambda: find_session(os.getpid())), 10.0)
+    feed = Feed(RingSource(lambda: find_ring_folder(os.getpid())), 10.0)
     for _ in range(40):
         steps(trial, 100)
         feed.poll()
@@ -74,9 +74,9 @@ def test_packets_refused_are_those_of_both_ends_as_in_the_summary(session):
     assert "5 packets refused" in feed.health.link.text
 
 
-def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(session):
-    trial = started(session)
-    feed = Feed(RingSource(lambda: find_session(os.getpid())), 10.0)
+def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(ring_folder):
+    trial = started(ring_folder)
+    feed = Feed(RingSource(lambda: find_ring_folder(os.getpid())), 10.0)
     while trial.slave.safety.state != State.RUN:
         trial.step()
     trial.bench.axis.stop()
@@ -101,9 +101,9 @@ def test_a_fault_stays_on_the_page_with_its_next_step_also_after_a_reset(session
     assert 'class="lamp attention"' in fault(feed.health)
 
 
-def test_a_reader_of_a_ring_cannot_write_to_it(session):
-    started(session)
-    reader = RingReader(session / "slave.ring")
+def test_a_reader_of_a_ring_cannot_write_to_it(ring_folder):
+    started(ring_folder)
+    reader = RingReader(ring_folder / "slave.ring")
     with pytest.raises(ValueError, match="read-only"):  # no public method writes
         reader._header[3] = 7
 
@@ -176,8 +176,8 @@ def test_what_is_no_wish_of_a_playback_changes_nothing(recorded, asked):
     assert (playback.speed, playback.playing, playback.loops, playback.place_s) == before
 
 
-def test_a_running_session_is_asked_nothing(session):
-    feed = Feed(RingSource(find_session), 2.0)
+def test_a_run_is_asked_nothing(ring_folder):
+    feed = Feed(RingSource(find_ring_folder), 2.0)
     assert not feed.ask({"seek": 0.0})
     assert not feed.again()
 

@@ -26,7 +26,7 @@ from teleop_rt_dev.trial.files import SILICONE
 pytest.importorskip("bokeh")
 
 from teleop_rt.view.live import source as source_module
-from teleop_rt.view.live.source import find_session
+from teleop_rt.view.live.source import find_ring_folder
 
 PATIENCE_S = 120
 
@@ -203,7 +203,7 @@ def test_what_cannot_be_shown_is_refused(call, tmp_path, arguments, words):
 
 @pytest.fixture
 def nobody(monkeypatch, tmp_path):
-    """Give an empty place for sessions, where nothing else on this machine is seen."""
+    """Give an empty place for ring folders, where nothing else on this machine is seen."""
     shared = tmp_path / "shm"
     shared.mkdir()
     monkeypatch.setattr(source_module, "shared_folder", lambda: shared)
@@ -226,13 +226,13 @@ def test_a_page_whose_run_died_while_it_loaded_ends(call, nobody, monkeypatch):
 
 
 def test_rings_of_another_user_are_refused_with_who_may_read_them(call, nobody, monkeypatch):
-    session = nobody / f"teleop-rt-{os.getpid()}-other"
-    session.mkdir()
+    ring_folder = nobody / f"teleop-rt-{os.getpid()}-other"
+    ring_folder.mkdir()
     monkeypatch.setattr(source_module.os, "access", lambda *_: False)
     code, out, err = call("live")
     assert (code, out) == (2, "")
     assert f"process {os.getpid()} runs, and this user may not read its rings" in err
-    assert f"look as {session.owner()}, or join the group {session.group()}" in err
+    assert f"look as {ring_folder.owner()}, or join the group {ring_folder.group()}" in err
 
 
 def test_a_daemon_at_its_place_comes_before_a_newer_run_without_one(nobody, tmp_path):
@@ -240,7 +240,7 @@ def test_a_daemon_at_its_place_comes_before_a_newer_run_without_one(nobody, tmp_
     daemon.mkdir()
     newer.mkdir()
     os.utime(newer, (4e9, 4e9))
-    assert find_session() == newer
+    assert find_ring_folder() == newer
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "rig.session").symlink_to(daemon)
-    assert find_session() == daemon
+    (tmp_path / "run" / "rig.rings").symlink_to(daemon)
+    assert find_ring_folder() == daemon

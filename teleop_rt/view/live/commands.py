@@ -1,4 +1,4 @@
-"""The command `live`: find a session or read a recording, and serve its page."""
+"""The command `live`: find a run's rings or read a recording, and serve its page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WINDOW_S = 10.0
 def live(recording: Path | None, beside: int | None, host: str, port: int) -> None:
     """Serve the live page until interrupted; `beside` shows the run of that process alone.
 
-    Without a recording it shows the session on this machine. Raises RecordingError where nothing
+    Without a recording it shows the run on this machine. Raises RecordingError where nothing
     runs, the file cannot be played back, or the port is in use.
     """
     source = open_source(recording, beside)

@@ -1,4 +1,4 @@
-"""Where the live page's rows come from: the rings of a session, or a recording played back."""
+"""Where the live page's rows come from: the rings of a run, or a recording played back."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.realtime.reading import read_messages, read_metadata
 from teleop_rt.realtime.recording import ONLINE, RUN
 from teleop_rt.realtime.ring import RingReader
-from teleop_rt.realtime.session import PREFIX, description, published
+from teleop_rt.realtime.ring_folder import PREFIX, description, published
 from teleop_rt.service.place import places
 from teleop_rt.trial.folder import recording_of
 from teleop_rt.view.live.playback import Playback
@@ -36,7 +36,7 @@ _AHEAD_NS = 1e9
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """Description of a session or a recording."""
+    """Description of a run or a recording."""
 
     trial: str
     rig: str
@@ -71,19 +71,19 @@ class RingSource:
     """The rings of a running slave, mapped read-only: reading them costs the loop nothing."""
 
     def __init__(self, find: Callable[[], Path | None]) -> None:
-        """Read the session that `find` returns, as soon as it returns one."""
+        """Read the ring folder that `find` returns, as soon as it returns one."""
         self.name = "live"
         self._find = find
-        self._session = find()
+        self._ring_folder = find()
         self._known: set[Path] = set()
         self._readers: dict[str, tuple[RingReader, list[str]]] = {}
 
     def about(self) -> About | None:
         """Return the description of the run, None until the slave has published it."""
-        self._session = self._session or self._find()
-        if self._session is None:
+        self._ring_folder = self._ring_folder or self._find()
+        if self._ring_folder is None:
             return None
-        metadata = description(self._session)
+        metadata = description(self._ring_folder)
         return None if metadata is None else about_of(metadata)
 
     def topics(self) -> dict[str, list[str]]:
@@ -108,7 +108,9 @@ class RingSource:
         return slave is not None and slave[0].closed
 
     def _discover(self) -> None:
-        for topic, table, ring in published(self._session, self._known) if self._session else ():
+        for topic, table, ring in (
+            published(self._ring_folder, self._known) if self._ring_folder else ()
+        ):
             if ring.exists():
                 self._readers[topic] = RingReader(ring), [signal.name for signal in table]
 
@@ -210,7 +212,7 @@ def _length_s(path: Path) -> float | None:
 
 
 def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:
-    """Return the description in the metadata of a recording or a session, None without one."""
+    """Return the description in the metadata of a recording or a run, None without one."""
     online, run = metadata.get(ONLINE), metadata.get(RUN) or {}
     if online is None:
         return None
@@ -233,7 +235,7 @@ def announce(name: str, address: str) -> None:
 
 
 def open_source(recording: Path | None, beside: int | None = None) -> RowSource:
-    """Return a recording or run folder, the run of the process `beside`, or the newest session.
+    """Return a recording or run folder, the run of the process `beside`, or the newest run.
 
     Raises RecordingError where there is none.
     """
@@ -246,8 +248,8 @@ def open_source(recording: Path | None, beside: int | None = None) -> RowSource:
                 f"the run of process {beside} has ended"
                 ": `teleop-rt live FOLDER` shows its recording"
             )
-        return RingSource(lambda: find_session(beside))
-    found = find_session()
+        return RingSource(lambda: find_ring_folder(beside))
+    found = find_ring_folder()
     if found is None:
         raise RecordingError(
             "nothing runs on this machine that could be shown: start `teleop-rt run --live` or"
@@ -256,13 +258,13 @@ def open_source(recording: Path | None, beside: int | None = None) -> RowSource:
     return RingSource(lambda: found)
 
 
-def find_session(pid: int | None = None) -> Path | None:
-    """Return the newest session of a process that lives (of `pid` where one is given), or None.
+def find_ring_folder(pid: int | None = None) -> Path | None:
+    """Return the newest ring folder of a process that lives (of `pid` if it is given), or None.
 
     A daemon, or a run that holds a rig, is found at its place in the run folder and comes first.
     """
-    found = [path for path in _sessions() if pid is None or owner(path.name, PREFIX) == pid]
-    placed = {place.session.resolve() for place in places()} if pid is None else set()
+    found = [path for path in _ring_folders() if pid is None or owner(path.name, PREFIX) == pid]
+    placed = {place.ring_folder.resolve() for place in places()} if pid is None else set()
     first = [path for path in found if path.resolve() in placed] or found
     readable = [path for path in first if os.access(path, os.R_OK | os.X_OK)]
     if first and not readable:
@@ -273,7 +275,7 @@ def find_session(pid: int | None = None) -> Path | None:
     return max(readable, key=lambda path: path.stat().st_mtime_ns, default=None)
 
 
-def _sessions() -> Iterator[Path]:
+def _ring_folders() -> Iterator[Path]:
     for path in shared_folder().glob(f"{PREFIX}*"):
         process = owner(path.name, PREFIX)
         if path.is_dir() and process is not None and alive(process):

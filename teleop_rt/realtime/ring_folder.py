@@ -1,4 +1,4 @@
-"""A session: the folder in shared memory where the processes of a run publish their rings."""
+"""A ring folder: the folder in shared memory where the processes of a run publish their rings."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class SharedMemoryError(ExpectedError):
 
 
 @contextmanager
-def new_session() -> Iterator[Path]:
-    """Give an empty session folder, in shared memory where there is some; removed at the end.
+def new_ring_folder() -> Iterator[Path]:
+    """Give an empty ring folder, in shared memory where there is some; removed at the end.
 
     Those of processes that were killed are removed before. Raises SharedMemoryError.
     """
@@ -68,31 +68,31 @@ def _room_in(place: Path) -> Iterator[None]:
         ) from None
 
 
-def publish(session: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
+def publish(ring_folder: Path, topic: str, table: Sequence[Signal]) -> RingWriter:
     """Make a ring for a topic, and beside it the description by which readers find it.
 
     Raises SharedMemoryError, or FileExistsError for a topic that has one.
     """
     name = topic.strip("/").replace("/", "-")
-    with _room_in(session.parent):
-        ring = RingWriter(session / f"{name}.ring", len(table), RING_ROWS)
+    with _room_in(ring_folder.parent):
+        ring = RingWriter(ring_folder / f"{name}.ring", len(table), RING_ROWS)
     description = {"topic": topic, "signals": [asdict(signal) for signal in table]}
-    leave(session / f"{name}.topic", description)
+    leave(ring_folder / f"{name}.topic", description)
     return ring
 
 
-def published(session: Path, known: set[Path]) -> Iterator[tuple[str, list[Signal], Path]]:
+def published(ring_folder: Path, known: set[Path]) -> Iterator[tuple[str, list[Signal], Path]]:
     """Yield topic, table and ring of each description that is not yet `known`, and add it there."""
-    for path in sorted(set(session.glob("*.topic")) - known):
+    for path in sorted(set(ring_folder.glob("*.topic")) - known):
         description = json.loads(path.read_text(encoding="utf-8"))
         known.add(path)
         table = [Signal(**signal) for signal in description["signals"]]
         yield description["topic"], table, path.with_suffix(".ring")
 
 
-def describe(session: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
+def describe(ring_folder: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
     """Describe the run for readers of the rings, as the metadata of a recording do."""
-    leave(session / METADATA, metadata)
+    leave(ring_folder / METADATA, metadata)
 
 
 class Writer(Protocol):
@@ -123,9 +123,9 @@ class Writer(Protocol):
         """How long the file is."""
 
 
-def description(session: Path) -> dict[str, dict[str, str]] | None:
+def description(ring_folder: Path) -> dict[str, dict[str, str]] | None:
     """Return the description written by `describe`, None before."""
-    path = session / METADATA
+    path = ring_folder / METADATA
     if not path.is_file():
         return None
     found: dict[str, dict[str, str]] = json.loads(path.read_text(encoding="utf-8"))
@@ -133,32 +133,32 @@ def description(session: Path) -> dict[str, dict[str, str]] | None:
 
 
 class Recorder:
-    """Writes every ring of a session into one recording."""
+    """Writes every ring of a ring folder into one recording."""
 
     def __init__(
         self,
-        session: Path,
+        ring_folder: Path,
         writer: Writer,
         watchers: Mapping[str, Callable[[Rows], None]] | None = None,
     ) -> None:
         """Record into `writer`; `watchers` see the new rows of a topic as they are written.
 
-        Where a recorder of this session has ended before, this one goes on where that one had
+        Where a recorder of this folder has ended before, this one goes on where that one had
         come to: the rings still hold the rows that it had not brought to the disk.
         """
-        self._session = session
+        self._ring_folder = ring_folder
         self.writer = writer
         self._watchers = watchers or {}
         self._known: set[Path] = set()
         self._readers: dict[str, RingReader] = {}
         self._refused: dict[str, int] = {}
-        before = found(session / RECORDER_STATE) or {"dropped": {}, "recorded": {}}
+        before = found(ring_folder / RECORDER_STATE) or {"dropped": {}, "recorded": {}}
         self.dropped_before: dict[str, int] = before["dropped"]
         self._recorded: dict[str, int] = before["recorded"]
 
     def discover(self) -> None:
         """Take in topics that were published since the last call."""
-        for topic, table, ring in published(self._session, self._known):
+        for topic, table, ring in published(self._ring_folder, self._known):
             reader = self._readers[topic] = RingReader(ring)
             reader.go_on_after(self._recorded.get(topic, 0))
             self._refused[topic] = 0
@@ -206,7 +206,7 @@ class Recorder:
         )
 
     def publish_state(self) -> None:
-        """Write this recorder's state for the status into the session."""
+        """Write this recorder's state for the status into the ring folder."""
         content = {
             "stamp_ns": time.monotonic_ns(),
             "dropped": self.dropped,
@@ -214,7 +214,7 @@ class Recorder:
             "bytes": self.writer.size_bytes,
             "recorded": self._recorded,
         }
-        leave(self._session / RECORDER_STATE, content)
+        leave(self._ring_folder / RECORDER_STATE, content)
 
     def close(self) -> None:
         """Write the remaining rows, and finish the file."""
