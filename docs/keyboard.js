@@ -1,5 +1,5 @@
-// What a keyboard and a screen reader need of the theme: the search has a name, and whatever scrolls
-// by itself can be reached.
+// Changes of the theme for keyboards and screen readers: the search has a name, and areas that scroll
+// by themselves can be reached.
 const reachable = () => {
   document.querySelector(".md-search")?.setAttribute("aria-label", "search");
   for (const one of document.querySelectorAll(".md-typeset__scrollwrap, pre > code, math[display]")) {

@@ -170,7 +170,7 @@ class Device(Protocol):
         """Ask the drive for power; takes effect over cycles."""
 
     def read_into(self, sample: Sample) -> None:
-        """Drain what has arrived without blocking, and latch the next sample. Never raises."""
+        """Drain arrived frames without blocking, and latch the next sample. Never raises."""
 
     def push(self, force: float) -> None:
         """Command a force on the hand [rig unit], > 0 along x; none until enabled."""
@@ -192,7 +192,7 @@ class Axis(Protocol):
         """Ask the drive to hold its present position under power; takes effect over cycles."""
 
     def read_into(self, sample: Sample) -> None:
-        """Drain what has arrived without blocking, and latch the next sample.
+        """Drain arrived frames without blocking, and latch the next sample.
 
         Never raises on bad input: it is rejected and counted. Raises EndOfRecording where the
         axis replays a file and the file has ended.

@@ -14,7 +14,7 @@ WIDTHS = (400, 800, 1400)
 
 @contextmanager
 def headless_chromium(width=1280, height=1200):
-    """Give a selenium driver of Debian's chromium, which keeps what the console says."""
+    """Give a selenium driver of Debian's chromium, which keeps the console's messages."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
         reason = "needs Debian's chromium and chromium-driver"
@@ -42,12 +42,12 @@ def headless_chromium(width=1280, height=1200):
 
 
 def console_errors(browser):
-    """Return what the console has shown as errors since the last call."""
+    """Return the errors that the console has shown since the last call."""
     return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
 
 
 def until(browser, condition, advance=lambda: None):
-    """Wait until the browser shows what is waited for; `advance` goes on with what it looks at."""
+    """Wait until the browser meets a condition; `advance` runs on the trial that it shows."""
     wait = pytest.importorskip("selenium.webdriver.support.wait")
     exceptions = pytest.importorskip("selenium.common.exceptions")
 

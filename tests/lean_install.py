@@ -12,7 +12,7 @@ import pytest
 def without_report(folder: Path) -> dict[str, str]:
     """Return an environment whose Python finds no matplotlib, so that a run draws no report.
 
-    A report takes longer to draw than most of what these runs show.
+    A report takes longer to draw than most of these runs.
     """
     lean = folder / "lean"
     lean.mkdir(parents=True, exist_ok=True)

@@ -76,7 +76,7 @@ class Witness:
 
 
 def undisturbed(folder: Path, rate_hz: int, attempt: Callable[[Path], Result | None]) -> Result:
-    """Return what an attempt, each in a folder of its own, comes to.
+    """Return the result of an attempt, each in a folder of its own.
 
     One that was held up, and so comes to nothing, is repeated. Where all are held up, the test is
     skipped if bare loops of its rate were late beside half of them or more, and fails if not: a

@@ -8,7 +8,7 @@ from browser import WIDTHS, console_errors, overflow, resize, until
 
 _NAMES = """
 const found = [];
-const say = (what, node) => found.push(what + ': ' + node.outerHTML.slice(0, 80));
+const say = (fault, node) => found.push(fault + ': ' + node.outerHTML.slice(0, 80));
 if (!document.documentElement.lang) found.push('no language');
 if (!document.title.trim()) found.push('no title');
 if (document.querySelectorAll('h1').length !== 1) found.push('not one h1');
@@ -67,7 +67,7 @@ return [...found];
 
 
 def check_names(driver):
-    """Return what lacks a name, a label, a language or its place among the headings."""
+    """Return the elements that lack a name, a label, a language or its place among the headings."""
     return driver.execute_script(_NAMES)
 
 
@@ -107,7 +107,7 @@ _KEYS = 300  # more than any page has stops
 
 
 def focus_failures(driver):
-    """Return what is wrong with the stops of the tabulator key, from the top to the last one.
+    """Return the faults of the stops of the tabulator key, from the top to the last one.
 
     Each stop is visible, has a ring, and follows the one before it in the document.
     """
@@ -138,7 +138,7 @@ def look(driver, page, width=1400, scheme="light"):
 
 
 def page_failures(driver, page):
-    """Return what is wrong with a page at any width and on either ground, each as a line."""
+    """Return the faults of a page at any width and on either ground, each as a line."""
     driver.get("about:blank")  # a live page that an earlier test left calls its server again
     console_errors(driver)
     found = []

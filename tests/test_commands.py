@@ -35,7 +35,7 @@ sys.exit(code)
 
 
 def loaded_by(*arguments: str, **environment: str) -> tuple[int, set]:
-    """Return the exit code of a command in a process of its own, and what it imported."""
+    """Return the exit code of a command in a process of its own, and its imported modules."""
     done = subprocess.run(
         [sys.executable, "-c", LOADING, *arguments],
         env=os.environ | environment,

@@ -1,4 +1,4 @@
-"""The tools of developers: one entry, found from any folder, and no part of what is shipped."""
+"""The tools of developers: one entry, found from any folder, and no part of a wheel."""
 
 import os
 import re

@@ -11,8 +11,8 @@ from teleop_rt.signals import Signal
 from teleop_rt_dev.paths import SILICONE
 
 RECOVERED = (
-    "2 messages, 1.500 s of the run, saved in cut/recording.recovered.mcap; what was recorded after"
-    " them is lost\n"
+    "2 messages, 1.500 s of the run, saved in cut/recording.recovered.mcap; later messages"
+    " are lost\n"
 )
 
 

@@ -247,7 +247,7 @@ def hits(file):
 
 @pytest.fixture
 def kernel_in(tmp_path, monkeypatch):
-    """Return what writes a kernel into a package or a plain folder; their cache is empty."""
+    """Return a writer of kernels into a package or a plain folder; their cache is empty."""
     (tmp_path / "cache").mkdir()
     monkeypatch.setattr(jit, "_ROOT", tmp_path / "cache")
 

@@ -1,4 +1,4 @@
-"""Commands on recordings refuse what they cannot use, and say what to give instead."""
+"""Commands on recordings refuse files that they cannot use, and name the ones to give instead."""
 
 import errno
 import json
@@ -102,7 +102,7 @@ def test_a_base_that_cannot_be_is_refused(call, tmp_path, base, message):
 
 @pytest.fixture
 def unusable(tmp_path):
-    """Give what stands where a recording is wanted, with the words for each."""
+    """Give files and folders that are no recording, with the words of each refusal."""
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder.mcap").mkdir()
     (tmp_path / "empty.mcap").touch()

@@ -19,7 +19,7 @@ REPORTED = {"recording.mcap", "report.html", "summary.json", "trial.yaml"}
 
 
 def shipped(folder):
-    """Paths of what a package needs, below its folder and the folders that it links to."""
+    """Paths of a package's files, below its folder and the folders that it links to."""
     found = set()
     for place, _, files in os.walk(folder, followlinks=True):
         if "__pycache__" not in place:
@@ -47,7 +47,7 @@ def built(tmp_path_factory):
 def installed(built, tmp_path_factory):
     """Call a command of the wheel, installed where no source tree is, in an empty folder.
 
-    Its environment borrows what the wheel depends on, so that nothing is downloaded; the source
+    Its environment borrows the wheel's dependencies, so that nothing is downloaded; the source
     tree, which is installed there as editable, is not among that.
     """
     folder = tmp_path_factory.mktemp("installed")

@@ -18,6 +18,10 @@ WORN = {
         r"(?:\"\"\"|[.;] |\n *)(?-i:Whats?) ",
         "put the subject first: 'The values of a sample', not 'What a sample holds'",
     ),
+    " what": (
+        r"(?-i:(?<=[a-z,;:]) what(?= [a-z])(?! (?:to (?:do|write)|in|for|if|else)\b))",
+        "name the thing: 'the residual of the fit', not 'what the fit leaves'",
+    ),
     "borne bear": (r"\b(borne|bears?|bearing)[ _]out\b", "confirmed by"),
     "look": (r"\blook(s|ed|ing)? for\b", "search, find, expect"),
     "by": (r"\bgo(es)? by\b", "use, follow, depend on"),
@@ -96,6 +100,7 @@ def worn(text):
             '"""What a tick costs.',
             "It is read. What follows is not.",
             "it is read.\n    What follows is not",
+            "the share of what the base leaves",
         ),
         *(
             "a fit that noise bears out",
@@ -125,6 +130,8 @@ def test_each_worn_word_is_found(sentence):
         "an intellectual",
         "A shell and a hotel.",
         "stands forth",
+        "the cause, then what to do",
+        "[what for what in said if what]",
     ],
 )
 def test_plain_sentences_pass(sentence):

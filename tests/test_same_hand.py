@@ -35,7 +35,7 @@ def rendered_path(surfaces):
     ],
 )
 def test_the_same_hand_feels_no_damping_that_makes_up_for_a_latency(wall, felt):
-    """A linear wall beyond the bound is given what it lacks of that, so none of its own is felt."""
+    """A linear wall beyond the bound gets the damping that it lacks, so none is felt."""
     kept = same_hand.Rendered()._calm(wall)
     assert (kept.b, kept.calming) == (felt, 0.0)
     assert kept.k == wall.k
@@ -110,7 +110,7 @@ def pushed_out():
 
 @pytest.mark.parametrize("judge", [rows_of, same_hand.second_judges_rows])
 def test_a_wall_that_pushes_a_hand_out_and_goes_back_unfelt_is_found(judge):
-    """It works on the hand at each touch: what it does while nobody feels it is no excuse."""
+    """It works on the hand at each touch: its moves while nobody feels it are no excuse."""
     trial, path, position, motor = pushed_out()
     rows = same_hand.whole(judge(position, motor, T))
     rows = [row for row in rows if row.swings >= campaign_hands.SUSTAINED]

@@ -1,8 +1,8 @@
 """The raw bus beside a trial, as .asc or .blf: written by python-can, in a process of its own.
 
-`python -m teleop_rt_drivers.bus_log BUS FILE` opens the bus a second time, hears what daemon and
-devices send, and writes until its standard input ends: so it costs the loop nothing, and ends with
-the process that started it.
+`python -m teleop_rt_drivers.bus_log BUS FILE` opens the bus a second time, hears the frames of
+daemon and devices, and writes until its standard input ends: so it costs the loop nothing, and ends
+with the process that started it.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def _compared(stop_ms: float, silence_ms: int, watchdog_ms: int, name: str, key:
     """Judge a stall against a watchdog; before it the drive may have heard nothing already."""
     what = f"{STOP} {stop_ms:g} is above {name} {watchdog_ms}: the drive stops first, by itself"
     if stop_ms > watchdog_ms:
-        return Finding("error", what, key, f"lower {STOP}, or raise {name} to what the rig allows")
+        return Finding("error", what, key, f"lower {STOP}, or raise {name} if the rig allows it")
     if stop_ms + silence_ms > watchdog_ms:
         what = (
             f"{STOP} {stop_ms:g} and {silence_ms} ms between two heartbeats are above "

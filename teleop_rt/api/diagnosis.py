@@ -122,7 +122,7 @@ class Diagnosis:
 def diagnose(
     source: Source, base: str = "kelvin-voigt", *, test: Test = None, effects: Effects = None
 ) -> Diagnosis:
-    """Find what a base model leaves unexplained in a recording, and name the effect.
+    """Find the force that a base model leaves unexplained in a recording, and name its effect.
 
     `base` is a model id, or terms joined by commas. The errors are on `test` where it is given,
     else on held-out blocks. `effects` is a Python file with effects of the user's. Raises

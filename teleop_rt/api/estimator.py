@@ -93,8 +93,8 @@ class Estimator:
         """Take a sample, and return the parameters in the order of `names`.
 
         x: position, f: force, in the rig's units; not a number counts as a missing sample. The
-        array is the same at every call and read-only: copy what is to be kept. Its values are not
-        a number until the model is estimated.
+        array is the same at every call and read-only: copy values that are to be kept. Its values
+        are not a number until the model is estimated.
         """
         self._pipeline.update(x, f, valid=True)
         self._pipeline.write_estimate(0, self._values, self._deviations)

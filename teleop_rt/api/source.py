@@ -40,8 +40,8 @@ def read(
 ) -> Recording:
     """Return the recording in an MCAP, CSV, MAT or NPZ file, or in the folder of a run.
 
-    `columns` and `units` say by role (`time`, `position`, `force`, `surface`, `reference`) which
-    column is what and in which unit, where its name does not; `rate_hz` stands in for a column of
+    `columns` and `units` give column and unit of each role (`time`, `position`, `force`, `surface`,
+    `reference`), where the column's name does not; `rate_hz` stands in for a column of
     time. Raises ExpectedError where the file cannot be used.
     """
     with _options_named("read"):

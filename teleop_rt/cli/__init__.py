@@ -1,7 +1,7 @@
 """The command line, and the only place that wires the core and the drivers together.
 
-Each command lives in a module that is imported when it is called: what talks to a running daemon
-or makes a key does not wait for compilers and solvers that only other commands need.
+Each command lives in a module that is imported when it is called: one that talks to a running
+daemon or makes a key does not wait for compilers and solvers that only other commands need.
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ def main() -> None:
         where = "a result" if error.filename is None else error.filename
         print(
             f"{where}: cannot be written: {error.strerror}: make room, or write to another disk;"
-            " what was recorded is kept, and `teleop-rt report` makes a run's summary from it",
+            " the recording is kept, and `teleop-rt report` makes a run's summary from it",
             file=sys.stderr,
         )
         sys.exit(FAULT)

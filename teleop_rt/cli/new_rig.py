@@ -35,7 +35,8 @@ Eds = Annotated[Path | None, typer.Option(help="canopen: the drive's EDS, from i
 Scan = Annotated[
     bool,
     typer.Option(
-        "--scan", help="identify the devices on the bus and write what they report; moves nothing"
+        "--scan",
+        help="identify the devices on the bus and write their answers into the file; moves nothing",
     ),
 ]
 Chosen = Annotated[

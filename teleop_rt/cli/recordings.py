@@ -177,8 +177,8 @@ def recover(
         print(f"{recording} is whole, with {messages} messages: nothing to recover")
     else:
         print(
-            f"{saved} messages, {seconds:.3f} s of the run, saved in {whole}; what was recorded"
-            " after them is lost"
+            f"{saved} messages, {seconds:.3f} s of the run, saved in {whole}; later messages"
+            " are lost"
         )
 
 

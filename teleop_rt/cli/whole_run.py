@@ -57,7 +57,7 @@ from teleop_rt_drivers.simulated.reference import environment_force
 
 _NOT_BEGUN = "interrupted before the trial began"
 _NO_CACHE = (
-    "no folder can be written for what is compiled: it is compiled again in each run, which takes"
+    "no folder can be written for compiled kernels: each run compiles them again, which takes"
     " about a minute; name one with NUMBA_CACHE_DIR or XDG_CACHE_HOME"
 )
 

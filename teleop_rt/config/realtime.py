@@ -1,4 +1,4 @@
-"""How a rig's loop is scheduled, what it does when it is late, and how it is recorded."""
+"""How a rig's loop is scheduled, how it answers a late tick, and how it is recorded."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The schema of trials: bounds beside each field, unknown keys refused.
 
 Rigs are in `rig.py`, operators in `operator.py`, the master's side in `master.py`, the link in
-`link.py`, what sections demand of each other in `contradictions.py`. `yaml_file.py` reads files and
+`link.py`, the rules between sections in `contradictions.py`. `yaml_file.py` reads files and
 `loader.py` turns them into these models.
 """
 

@@ -232,9 +232,7 @@ class _Building:
         try:
             value = self._loader.construct_object(node, deep=True)
         except (ValueError, LookupError):  # `!!int x`, `!!bool maybe`
-            self.problems.append(
-                ConfigProblem(where, f"{node.value!r:.80} is not what its tag says")
-            )
+            self.problems.append(ConfigProblem(where, f"{node.value!r:.80} is no value of its tag"))
             return None
         if isinstance(value, str) and _CONTROL.search(value):
             self.problems.append(ConfigProblem(where, "contains a control character: remove it"))

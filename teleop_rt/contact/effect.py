@@ -120,8 +120,8 @@ class Effect:
     declarations may share a name: the name is the physics, the `law` one mathematical form of it.
     `like` are the names of a set that gives the same force while the tool moves: where the data
     do not exclude it, it stays in the answer beside this law.
-    `fades` is how many ways there are in which a past that nobody recorded may still act on a
-    memory that is linear in the penetration and fades: what of it a fit has to find.
+    `fades` is the number of terms by which a past that nobody recorded still acts on a memory that
+    is linear in the penetration and fades: a fit has to find each of them.
     `moves_mass` states that a position that the rig moves carries the tool's mass along.
     `extends` is the law of the same name to which this one adds shapes: its fit starts there.
     """

@@ -268,8 +268,8 @@ def bank_step(
     """Advance every live row of the bank by one sample and set every row's status.
 
     state (rows, ROW_SIZE), settings (rows, N_SETTINGS), active (rows,) parameters in use,
-    phi (rows, up to MAX_PARAMETERS), y, live (rows,), and lever (rows,): what a unit of an error
-    that all samples share would add to y.
+    phi (rows, up to MAX_PARAMETERS), y, live (rows,), and lever (rows,): the change of y by a
+    unit of an error that all samples share.
     """
     for r in range(len(y)):
         S = state[r]

@@ -175,8 +175,8 @@ def write_linear(
 ) -> bool:
     """Write parameters and deviations of a linear row; return whether the deviations are known.
 
-    values, deviations: as long as the row's parameters, with the free offset; what is not
-    estimated is not-a-number. covariance (MAX_PARAMETERS, MAX_PARAMETERS) is room to work in.
+    values, deviations: as long as the row's parameters, with the free offset; a parameter that is
+    not estimated is not-a-number. covariance (MAX_PARAMETERS, MAX_PARAMETERS) is room to work in.
     """
     state = one[0]
     linear_values(state, r, scales, values)

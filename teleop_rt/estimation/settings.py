@@ -34,7 +34,7 @@ class PipelineSettings:
 
     force_lag_s > 0 means that force arrives later than the position it belongs to, known to
     force_lag_deviation_s; friction_deviation is that of a force left against the motion.
-    paired_lag_s is what `Pairing` takes out before where sensors are slower
+    paired_lag_s is the lag that `Pairing` takes out before, if sensors are slower
     than the loop, and None where the pipeline takes every cycle's sample; a converter that settles
     in paired_settling_s averages the force, and the position is averaged alike. `surface`
     given makes contact a matter of position alone. window_s is the length of an algebraic window;

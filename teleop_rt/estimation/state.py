@@ -101,8 +101,8 @@ class BankState:
     """Views of the record that a tick reads and writes: one allocation, fields of fixed shape.
 
     q, settings: as named above; detector, detection: contact/detection.py; rings (3, LONGEST_LAG):
-    position, force and 1 where they were measured, before alignment; history: aligned; room: what
-    an onset is found in; filter: transition, before, now, channels (N_CHANNELS, CHANNEL_SIZE),
+    position, force and 1 where they were measured, before alignment; history: aligned; room: work
+    space to find an onset in; filter: transition, before, now, channels (N_CHANNELS, CHANNEL_SIZE),
     foaw; motion (N_MOTION,); windows, term_windows and log_windows: algebraic.py; sums, buffer,
     refit: contact/surface.py; bank, bank_settings, active, phi, y, lever, live: the bank's; own
     (parameters without offset), codes (models), regressions, ready, possible, records and choice:

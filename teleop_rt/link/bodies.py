@@ -60,5 +60,5 @@ class NewestMotion:
         self._known[0] = 1
 
     def forget(self) -> None:
-        """Know of none; what the last one said stays, and counts for nothing."""
+        """Count the last motion for nothing; its values stay."""
         self._known[0] = 0

@@ -1,9 +1,9 @@
 """An authenticated end of the link: the newest message of each kind, and refused packets.
 
-Whatever does not verify is dropped in silence and counted by its reason. Of what verifies, the
-newest wins: a message older than the newest of its kind is not applied, and neither is one whose
-age, by its sender's clock and beyond the link's own delay, is above a bound. Silence is the age of
-the newest message taken in, or the time since it came, whichever is longer.
+A packet that does not verify is dropped in silence and counted by its reason. Of those that verify,
+the newest wins: a message older than the newest of its kind is not applied, and neither is one
+whose age, by its sender's clock and beyond the link's own delay, is above a bound. Silence is the
+age of the newest message taken in, or the time since it came, whichever is longer.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class MotionMessage(NamedTuple):
 class ModelEffect(NamedTuple):
     """An effect of the environment beside a model: which (`fitted.code_of`), how much, its shape.
 
-    Of `shape` (SHAPES,) what the effect does not have is 0.
+    Entries of `shape` (SHAPES,) that the effect does not have are 0.
     """
 
     code: int

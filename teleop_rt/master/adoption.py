@@ -1,21 +1,24 @@
 """Adopting a new wall without a jump: blended forces, a force-step limit and an energy tank.
 
-f = (1 - w) f_old + w f_new. Moving w by Δw changes the force by Δw (f_new - f_old) and the
-energy stored under the hand by ΔE = Δw (V_new - V_old); the first is limited per tick, the
-second is paid from a tank that the hand's own dissipation fills (Franken et al. 2011). A force
-that changes within a tenth of a second is a kick: it sets off the ringing of a hand on a wall. So
-w follows a cosine over `BLEND_S`, whose tones die above 1/BLEND_S; a large change takes longer, and
-a change of less than the force step takes as much less time: estimates that converge are
-followed as they come.
+f = (1 - w) f_old + w f_new. A step Δw changes the force by Δw (f_new - f_old) and the energy
+stored under the hand by ΔE = Δw (V_new - V_old). The change of force is limited per tick; the
+energy is paid from a tank that the hand's own dissipation fills (Franken et al. 2011).
 
-A wall that arrives in the middle of a blend waits, the newest replacing the one before. It
-takes the place of `new` as soon as that is affordable, or when w is 1. A blend that went back for
-each newer wall would swing where walls come faster than it takes. Only one that the tank cannot pay
-goes back, to 0, where the exchange is free: it never blocks a later and cheaper wall.
+Duration. A force that changes within a tenth of a second is a kick: a hand on a wall rings after
+it. So w follows a cosine over `BLEND_S`, which has no tones far above 1/BLEND_S. A large change
+takes longer. A change below the force step takes proportionally less time, so that the wall
+follows converging estimates.
 
-A wall that was placed so that its spring gives the force that is felt needs no blend: it is taken
-at once, or over what its damping changes. A hand that still goes deeper while such a wall is
-blended in meets a wall that is too soft, and soon stores more than the tank can pay.
+New walls during a blend. A wall that arrives waits, and replaces one that waits already. It
+becomes `new` as soon as the tank can pay the exchange, or when w is 1. Blends do not go back for
+a newer wall: if walls came faster than a blend lasts, the force would swing. Only a blend that
+the tank cannot pay goes back, to w = 0, where an exchange costs nothing; it therefore never
+blocks a later and cheaper wall.
+
+Walls at the same force. A wall placed so that its spring gives the present force is taken
+without a blend of that spring: at once, or over the time for the change of its damping. In a
+blend, a hand that still goes deeper would meet a wall that is too soft, and would soon store
+more energy than the tank can pay.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ _OTHERS = (
     FORCE_OFF := HandleFault(
         54,
         "handle_force_off",
-        "the drive's own force was not what had been commanded, for 5 ms",
+        "the drive's own force differed from the commanded one for 5 ms",
         "check rated_force, the motor and its supply, then start again",
     ),
     END_OF_TRAVEL := HandleFault(

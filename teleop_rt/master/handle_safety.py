@@ -175,8 +175,8 @@ def note_command(stored: StoredWatch, window: Window, force: float) -> None:
 class HandleWatch:
     """Judges a device's samples; `fault` is the first thing found wrong.
 
-    `lacks` are the safeguards that the device goes without, each with a sentence: what it
-    measures twice is compared, and must be there.
+    `lacks` are the safeguards that the device goes without, each with a sentence.
+    Values that it measures twice are compared, and must be there.
     """
 
     def __init__(

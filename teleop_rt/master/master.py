@@ -197,7 +197,7 @@ class Master:
     def _brake(self) -> float:
         """Return the force of the ends of travel, and the leash's until the first touch is known.
 
-        Until the slave follows, the hand leads by what it has moved on since it was waiting.
+        Until the slave follows, the hand leads it by its motion since the slave began to wait.
         """
         slave, hand = self.slave, self.hand
         if self._device is None or self._coupling is not None:
@@ -285,7 +285,7 @@ class Master:
         return adoption.holds(x) or adoption.newest.holds(x)
 
     def _relax(self) -> None:
-        """Take up what moves towards an end of travel; elsewhere let the offset vanish."""
+        """Let the offset take up motion towards an end of travel, and vanish elsewhere."""
         hand, touches = self.hand, self._touches
         self.registration.offset += self.ends.withhold(hand, touches=touches)
         if not touches and not self.ends.beyond(hand):
@@ -294,8 +294,8 @@ class Master:
     def _aim(self) -> None:
         """Move the target: kept while frozen, then rejoining the hand without a jump.
 
-        The tool follows a hand that a new wall has put deeper at the same pace: of what lies there
-        nothing was measured, and no guard turns a tool in time that a step drives into it. A hand
+        The tool follows at the same pace a hand that a new wall has put deeper: nothing was
+        measured at that depth, and no guard turns a tool in time that a step drives there. A hand
         that withdraws takes the tool with it at once.
         """
         offset_before, self._offset_aimed = self._offset_aimed, self.registration.offset

@@ -6,8 +6,8 @@ are a slope: the wall is placed where that slope has no force. So a hand feels a
 stiffness one way after the touch, before an estimator has converged.
 
 The wall promises no more than was measured: where a tool at rest feels less than the wall would
-give at its place, as after a jolt or a fast approach through damping, the wall gives way to what it
-feels. A tool that moves says little of a spring: damping acts, and the force is late.
+give at its place, as after a jolt or a fast approach through damping, the wall is lowered to the
+measured force. A moving tool shows little of a spring: damping acts, and the force is late.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.walls import Wall
 
 NEWS = 1.5
-"""Factor by which a slope must differ from the last, or the wall's force exceed what is measured at
-rest, for a new wall: each moves the tool."""
+"""Factor by which a slope must differ from the last, or the wall's force exceed the one measured
+at rest, for a new wall: each new wall moves the tool."""
 STATES_AT_REST = 10
 """So many states in a row must have no more than the margin of the wall's force between them."""
 

@@ -118,8 +118,8 @@ class EffectMemory:
 class RenderedEffect:
     """An effect beside a wall: how much of it.
 
-    Of one that damps, a hand that is faster than `speed` feels what it would feel at that speed:
-    so its slope is bounded, and slower motion is rendered as it is.
+    Of an effect that damps, a hand faster than `speed` feels the force at that speed: its slope is
+    bounded, and slower motion is rendered as it is.
     """
 
     memory: EffectMemory

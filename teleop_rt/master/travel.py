@@ -1,7 +1,7 @@
 """The ends of the device's travel: the hand is held back in front of them, and leads nobody.
 
-Out of contact only. A brake, that of the leash, grows over the last of the travel, and what the
-hand moves on there is not the slave's: the offset takes it up, so that the slave follows a hand
+Out of contact only. A brake, that of the leash, grows over the last of the travel, and the
+slave does not follow the hand there: the offset takes that motion up, so that it follows a hand
 that turns back at once, with that much travel gained (a clutch that opens by itself). In contact
 the wall is where it is, and the travel ends with the fault `handle_end_of_travel`.
 """

@@ -29,7 +29,7 @@ class Wall:
     force is that at the hand, where their memories are; elsewhere it follows from the depth alone.
     The surface moves by itself at `surface_velocity`. `calming` is damping at every depth that is
     no part of the body: it makes up for the latency of a spring that is rendered softer. `law` is
-    what of it acts at a depth, for kernels.
+    its force law by depth, for kernels.
     """
 
     surface: float

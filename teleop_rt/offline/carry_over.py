@@ -46,8 +46,8 @@ class Diagnosed:
 def carried_over(one: Diagnosed, other: Diagnosed, sets: list[list[str]]) -> list[list[str]]:
     """Return those of the sets, which both diagnoses hold, that carry over between the recordings.
 
-    Each predicts either recording in free run by all its parameters from the other one. Left out
-    is what predicts one of them more than twice as badly as another set does. A law of time itself
+    Each predicts either recording in free run by all its parameters from the other one. A set
+    that predicts one of them more than twice as badly as another is left out. A law of time itself
     stays: the clocks of two recordings have nothing in common.
     """
     timeless = [n for n in sets if not _follows_clock(one.fitted(n).fit, _motion(one))]

@@ -90,7 +90,7 @@ def close_loop(
 
     Folders below `out`: first, diagnosis, perhaps experiment, and before and after for the fresh
     trial without and with the extended model, which is model.yaml unless it is withdrawn. Raises
-    what `run` raises, and RecordingError where the first recording cannot be diagnosed.
+    the errors of `run`, and RecordingError where the first recording cannot be diagnosed.
     """
     run([], out / "first")
     found = _diagnose(trial, base, out / "first", out / "diagnosis", library)

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 _ESTIMATED = ("sample_stamp_ns", "valid", "position", "force")
 """Signals that the samples of the estimators are made of: of an hour all would not fit in memory,
-and what follows them in a row is not read."""
+and the rest of a row is not read."""
 _PAIRED = ("stamp_ns", "position_age_ms", "force_age_ms")
 """Signals that are needed beside them where the samples are pairs of a slow sensor's."""
 _NO_SLAVE = "{}: has no slave's side of a run: give the recording of a run"

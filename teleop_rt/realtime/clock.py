@@ -29,7 +29,7 @@ class RealClock:
 
     The last `spin_ns` before a deadline are waited for without sleep: it costs a core's time, and
     wakes up nearer to the deadline. `watch` waits for so many seconds in place of sleep, and notes
-    what arrives meanwhile; the last WATCHED_UP_TO_NS it does not.
+    arrivals meanwhile, except in the last WATCHED_UP_TO_NS.
     """
 
     def __init__(

@@ -92,7 +92,7 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
     """Give schemas, channels, messages and metadata in the order of the file, up to its index.
 
     Chunks whose messages are all stamped before `from_ns` are left out, with the channels that
-    they declare. Raises EOFError where the file was cut off, and what the library raises for a
+    they declare. Raises EOFError where the file was cut off, and the library's errors for a
     broken record or a checksum, of a chunk or of all, that is wrong.
     """
     size = os.fstat(stream.fileno()).st_size
@@ -146,7 +146,7 @@ def ends_whole(stream: IO[bytes]) -> bool:
 def unpack_chunk(content: bytes, decompressor: zstandard.ZstdDecompressor) -> bytes:
     """Return the records of a chunk; an error where it cannot be unpacked whole.
 
-    A chunk is believed to unpack to what it states only as far as its compression says the same:
+    The size that a chunk states is believed only as far as its compression states the same:
     a megabyte of zstd may hold terabytes. As we pack it, this is done here, with one decompressor
     for all chunks, where the library makes one for each; other compressions are left to it.
     """

@@ -137,7 +137,7 @@ def _say_damaged(path: Path, place: int, size: int) -> None:
     """Say once that a recording is damaged, and where that was noticed."""
     print(
         f"{path}: damaged before byte {place} of {size}: rows are missing or wrong; use a copy, or"
-        " what `recover` saves of it",
+        " the file that `recover` makes of it",
         file=sys.stderr,
     )
 

@@ -44,8 +44,8 @@ def sizes_of(metadata: Mapping[str, Mapping[str, str]]) -> Sizes:
 class RotatingWriter:
     """Writes like a `RecordingWriter`, into a new part whenever the last one is full.
 
-    It begins with the part after those that are there, so what a recorder that crashed has
-    written stays. The part being written and the one before it are never removed: as no part is
+    It begins with the part after those that are there, so the parts of a recorder that
+    crashed stay. The part being written and the one before it are never removed: as no part is
     shorter than a second, the last second before a fault is there whatever is rotated meanwhile.
     """
 

@@ -37,8 +37,8 @@ def most_bytes() -> int:
 def return_large_arrays() -> None:
     """Let this process return the memory of a large array to the system when the array is freed.
 
-    glibc does so by itself until the first is freed. From then on it keeps what is as large for
-    the next one, up to 32 MB, and columns of an hour that were freed stayed: 50 MB.
+    glibc does so by itself until the first is freed. From then on it keeps arrays of that size
+    for the next one, up to 32 MB, and columns of an hour that were freed stayed: 50 MB.
     """
     with contextlib.suppress(OSError, AttributeError):  # another C library
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)

@@ -161,7 +161,7 @@ class Claim:
         folder = _writable(run_folder())
         if folder == _own_folder(os.environ) and _anothers(folder):
             raise PlaceError(
-                f"{folder}: another user made this folder, or may change what is in it, and could "
+                f"{folder}: another user made this folder, or may change its files, and could "
                 f"take commands in the daemon's place: remove it, or name another one in {CHOSEN}"
             )
         taken: dict[Path, int] = {}

@@ -1,4 +1,4 @@
-"""How a slave that begins to follow comes to where the master is."""
+"""How a slave that begins to follow reaches the master's position."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def caught_up(t: Tick, target: float, velocity: float, command: float) -> float:
 class CatchUp:
     """Lets a slave that begins to follow catch up with the master at a safe speed.
 
-    One way later than the slave began, the hand is where nobody has been: what the tool touches on
-    its way there it must meet at the speed of a retreat, or of the hand, not at its own fastest.
-    The same holds when a contact that was waited for is acknowledged: the hand may have gone on.
+    The hand has moved on by one link delay when the slave begins, to a place where no tool has
+    been. A body on the way there must be met at the speed of a retreat, or of the hand, not at the
+    axis' own fastest. The same holds when a contact that the slave waited for is acknowledged.
     """
 
     def __init__(self, speed: float, period_s: float, record: TickRecord | None = None) -> None:

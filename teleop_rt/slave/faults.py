@@ -127,7 +127,7 @@ OVERSPEED = Fault(
     31,
     "overspeed",
     "the measured velocity exceeded velocity_max by more than supervision.velocity_share_max",
-    "check the drive's gains, and what held or pushed the tool, then reset and arm",
+    "check the drive's gains, and whether something held or pushed the tool, then reset and arm",
 )
 FORCE_MISMATCH = Fault(
     32,
@@ -151,7 +151,7 @@ POSITION_REPEATED = Fault(
     35,
     "position_repeated",
     "the measured position is one and the same number while the command moves on",
-    "free the axis, check what gives the position and whether it only repeats itself, then reset"
+    "free the axis, check whether the position sensor only repeats its last value, then reset"
     " and arm",
 )
 FIRST_OF_AXIS = 20

@@ -1,35 +1,42 @@
-"""The slave's own limits on where the master may lead it.
+"""The slave's own limits on its target: at a first contact, and by force.
 
-First contact under delay: the slave meets a wall one delay before the master is informed. It
-stops following within the tick and holds where it met the wall, until the master's motion
-acknowledges that contact; from then on the master's target counts from the wall that it renders.
-A contact is unexpected where no surface was known, or where the known one lies elsewhere.
+First contact under delay. The slave meets a wall one link delay before the master is informed.
+Within that tick it stops following, and holds its target there until the master's motion
+acknowledges the contact. From then on the master's target counts from the wall that it renders.
+A contact is unexpected if no surface was known, or if the known one lies elsewhere.
 
-In contact the target never goes deeper than the depth at which the model reaches the force cap.
-While no model gives that depth, or the master has not received it, the operator feels only a soft
-provisional wall: then the tool goes no deeper from a share of the cap on, which leaves room for
-the force that a stiff wall adds until the drive stands.
+Depth by the model. In contact the target never goes deeper than the depth at which the model
+reaches the force cap. While no model gives that depth, or the master has not received it, the
+operator feels only a soft provisional wall. The tool then goes no deeper once the force reaches
+a share of the cap: the rest is for the force that a stiff wall adds until the drive stands.
 
-A model follows a wall that stiffens only later, so the cap is also kept by measurement. A force f
-at the depth d gives the secant stiffness f/d, by which DEPTH_SHARE of the cap lies at d DEPTH_SHARE
-cap/f: the target goes no deeper, and above the cap it is at once at least a step of the retreat in
-front of the tool. A wall that stiffens with depth is far steeper ahead than its secant, so the tool
-goes no further than the slope that was measured last, taken AHEAD times, leaves room for, by the
-force as it will be once a command has turned the drive. A tool that moves at v goes v TURN_S
-further whatever is commanded, so the command uses the rest of that room no faster than in
-TURN_S: at a jump of the target, a locking foam is met slowly enough to be turned in. The room
-counts from the tool, or from the command where the tool is still to be drawn back to it: its way
-back into a damped body is force, too. Within the known surface it counts at any force: a tool on
-its way out of such a body feels none, would come back at its fastest, and chatter. The slope sets
-the pace alone: wherever it is more than half of the true one, the force settles at the same share
-of the cap. Steeper slopes and secants count at once, softer ones as their memory fades: while the
-tool draws back, damping makes the wall look soft. A slope fades only where another is measured: a
-tool that stands at the cap learns nothing, and would ring each time it has forgotten. A tool that
-is pressed before the surface that is known stands in a body that has come nearer: no secant is
-known then, and a slope may be the body's own motion, so the rig's stiffest wall is expected. No
-guard can prevent the force of a wall that becomes stiffer around the tool, or the depth added until
-a sample shows it and the drive, commanded to go in at v, has reversed: F <= max(cap, F_found + k (v
-t_turn + v²/2a)).
+Depth by measurement. A model is late for a wall that stiffens, so two measurements bound the
+target as well.
+
+- The secant f/d, of force f and depth d. The target goes no deeper than DEPTH_SHARE cap d/f.
+  Above the cap, it is at once at least one step of the retreat outside of the tool.
+- The newest slope. A wall that stiffens is steeper ahead than its secant, so the slope counts
+  AHEAD times, from the force as it will be once a command has turned the drive. That gives the
+  room that is left below the cap. It counts from the tool, or from the command if the tool is
+  still to be drawn back to it: the way back into a damped body adds force, too. Within the known
+  surface the room counts at any force: a tool on its way out of a damped body feels none, and
+  would otherwise return at its fastest and chatter.
+
+Pace. A tool at speed v goes on by v TURN_S whatever is commanded. The command therefore uses up
+the room in no less than TURN_S: if the target jumps, the tool meets a locking foam slowly enough
+to be turned in it. The slope sets only the pace: while it is more than half of the true one, the
+force settles at the same share of the cap.
+
+Memory. Steeper slopes and secants count at once; softer ones only as the memory fades, because
+damping makes a wall look soft while the tool draws back. A slope fades only while another is
+measured: a tool that stands at the cap measures none, and would ring each time it had forgotten.
+
+A body that has come nearer. A tool that is pressed before the known surface has no secant, and
+its slope may be the body's own motion. The rig's stiffest wall is then assumed.
+
+Remaining force. No guard prevents the force of a wall that becomes stiffer around the tool, nor
+the depth added until a sample shows the force and the drive, commanded to go in at v, has
+reversed: F <= max(cap, F_found + k (v t_turn + v²/2a)).
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class Tick:
     mode: int
     needs_drive_position: int
     needs_drive_force: int
-    # What came in with the tick: clock and zeros, by one call (see `CAME_IN`), and the sample.
+    # Inputs of the tick: clock and zeros, by one call (see `CAME_IN`), and the sample.
     tick: int
     now_ns: int
     skipped: int

@@ -190,7 +190,7 @@ class SafetyChain:
         return True
 
     def disarm(self) -> None:
-        """Leave motion in good order for DISARMED; a fault stays what it is."""
+        """Leave motion in good order for DISARMED; a fault stays."""
         if self.powered:
             self._tick.state = faults.DISARMED
 

@@ -22,8 +22,8 @@ class MoveAndWait:
     """Strides forward and waits for the news of each (Ferrell 1965) until the wall is felt.
 
     Then the intention goes deeper by PRESS_M, moves by TONES for `move_s` and stays. It waits one
-    round trip after each stride, so that the hand is never more than a stride ahead of what it
-    feels, whatever the delay. A wall that is not felt within APPROACH_STRIDES strides never is.
+    round trip after each stride, so that the hand is never more than a stride ahead of the force
+    that it feels, at any delay. A wall that is not felt within APPROACH_STRIDES strides never is.
     `positions` begin with engagement, when the time begins to run.
     """
 

@@ -71,7 +71,7 @@ def of_error(nrmse: float | None) -> Grade:
 
 
 def of_peak(worst_case: Mapping[str, Any] | None, largest: str, span: str) -> Grade:
-    """Return the grade of the largest error in a whole run, by the range of what it is an error of.
+    """Return the grade of the largest error in a whole run, by the range of that quantity.
 
     Both are keys of `worst_case`, of a part of the summary; unknown where there is no range.
     """

@@ -30,7 +30,7 @@ def recorded(slave: Mapping[str, Array], bounds: LateConfig, period_ns: int) -> 
     """Return the same from the recorded rows of a slave that could no longer report it."""
     late, on_hardware = Lateness(bounds, period_ns), Lateness(ON_HARDWARE, period_ns)
     skipped = np.diff(slave["tick"]).astype(np.int64) - 1
-    # What is not measured, as on the simulated clock, is in time.
+    # A latency that is not measured, as on the simulated clock, is in time.
     latency_ns = np.nan_to_num(1e3 * slave["wake_latency_us"]).astype(np.int64)
     states = slave["state"]
     for row in range(1, states.size):

@@ -17,7 +17,7 @@ from teleop_rt.trial.simulated_wall import unmet
 
 Array = NDArray[np.float64]
 STRUCTURE = (
-    "model inadequate: structure is left in the force; teleop-rt diagnose names what it lacks"
+    "model inadequate: structure is left in the force; teleop-rt diagnose names the missing effect"
 )
 _UNCOUPLED = (
     ("freezes", "silence on the link froze the master's target"),
@@ -77,7 +77,7 @@ def notes_of(outcome: Mapping[str, Any], replayed: Replayed) -> list[str]:
     if error is not None and error > POOR_NRMSE:
         notes.append(
             f"the selected model misses the force by {100 * error:.0f} % of its range: "
-            "do not trust its parameters; teleop-rt diagnose names what it lacks"
+            "do not trust its parameters; teleop-rt diagnose names the missing effect"
         )
     return notes
 

@@ -45,7 +45,7 @@ def our_canopen(cycles: int) -> float:
     """Decode and check a cycle's three frames, match them to the SYNC, settle the values."""
     rig: Any = load_rig(RIG, AXIS_SCHEMAS)
     axis: Any = CanopenAxis(rig.axis, rig, synchronous_pair()[0], lambda: 0)
-    # What a frame passes through; recv and send of the bus are not timed.
+    # The path of a frame; recv and send of the bus are not timed.
     encoder, force, drive = axis._parts
     sources, words = axis._receiver._sources, axis.counters.words
     lives, readings = axis._receiver._heartbeats.lives, axis._receiver._readings

@@ -94,7 +94,7 @@ PEERS: dict[str, list[tuple[Any, int, int, str | None]]] = {
     "river": [(river_call, CALLS, 0, None)],
     "statsmodels": [(statsmodels_run, SAMPLES, 1, None)],
 }
-"""For each library: what makes its work, the samples of it, our side of HOW, and the bar."""
+"""For each library: the maker of its work, its samples, our side of HOW, and the bar."""
 HOW = ("per call", "over a recording")
 
 

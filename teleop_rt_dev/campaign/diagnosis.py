@@ -176,7 +176,7 @@ def _diagnosed(recording: Recording, base: str, case: dict[str, Any]) -> Diagnos
     if case["surface"] == "given":
         return diagnose(recording, base, surface=0.0)
     rng = np.random.default_rng([case["seed"], 3])
-    # What lies within a quarter of the deepest penetration from 0 counts as the surface, by rule.
+    # By rule, a place within a quarter of the deepest penetration from 0 counts as the surface.
     zero = rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 5.0) * float(np.max(recording.position))
     return diagnose(replace(recording, position=recording.position + zero), base)
 

@@ -4,9 +4,10 @@
                             [--processes] [--json]
     scripts/campaign faults --table FILE...
 
-On the simulated clock, where a tick is a millisecond and a bound is exact; then what is counted,
-not timed: packets, configs, cuts, killed recorders, a soak. With --processes also on this machine's
-clock: daemon and slave killed or frozen, the motor read in the simulated rig's own process.
+On the simulated clock, where a tick is a millisecond and a bound is exact; then rows that are
+counted, not timed: packets, configs, cuts, killed recorders, a soak. With --processes also on this
+machine's clock: daemon and slave killed or frozen, the motor read in the simulated rig's own
+process.
 
 --json prints a line as soon as a row is there, so that a campaign that is ended early has not been
 for nothing; --table prints such files as one table. A case that cannot be played is a row, which

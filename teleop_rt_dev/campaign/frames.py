@@ -4,9 +4,9 @@
 
 Real answers of a simulated drive that moves are damaged: bits flipped, bytes exchanged, cut, put in
 or replaced, ids changed. Each is followed by a whole one. Where a protocol has a checksum half of
-the damage is such that it must be found (three bits by a CRC of 16, one byte by a sum), and what is
-accepted of the rest is counted. Prints one JSON object per drive; exits with 1 for a value that
-cannot be.
+the damage is such that it must be found (three bits by a CRC of 16, one byte by a sum), and
+accepted frames of the rest are counted. Prints one JSON object per drive; exits with 1 for a value
+that cannot be.
 """
 
 from __future__ import annotations

@@ -53,8 +53,8 @@ CAP_SLACK, CAP_LONGEST_MS = 1.02, 20
 NO_FORCE = 0.01
 """A motor that pushes less holds nothing back."""
 TOOL_SLACK, TOOL_LONGEST_MS = 1.1, 10
-"""Over the slave's cap: what a wall that moves or stiffens adds until the tool has turned, and for
-how long: two reversals of 5 ms, one to stop and one back.
+"""Excess over the slave's cap that a wall adds while it moves or stiffens until the tool has
+turned, and its time: two reversals of 5 ms, one to stop and one back.
 """
 _POSITION, _VELOCITY, _MOTOR, _GIVEN = 1, 2, 4, 5
 

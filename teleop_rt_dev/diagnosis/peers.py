@@ -74,10 +74,10 @@ def sysidentpy_frols(theta: Any, force: Any) -> Any:
 def errors_in_variables(theta: Any, force: Any) -> Any:
     """Return coefficients by SINDy with errors in variables, chosen by their evidence.
 
-    Columns of a noisy motion are noisy themselves, which biases least squares towards 0; what their
-    noise adds to the normal equations is taken off (Fuller 1987). Terms are left out one by one
-    while the Bayesian information criterion falls. This is no full orthogonal distance regression
-    with Laplace evidence (ODR-BINDy), for which there is no package.
+    Columns of a noisy motion are noisy themselves, which biases least squares towards 0; the share
+    of their noise in the normal equations is subtracted (Fuller 1987). Terms are left out one by
+    one while the Bayesian information criterion falls. This is no full orthogonal distance
+    regression with Laplace evidence (ODR-BINDy), for which there is no package.
     """
     samples = force.size
     rough = np.diff(theta, 3, axis=0)  # white noise has 20 times its variance in third differences

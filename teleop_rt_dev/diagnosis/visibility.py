@@ -37,7 +37,7 @@ def foreign_lambda(record: Foreign, *, surface_found: bool) -> float:
         min(_left((x, v, a), force, record.base, widest, pulls) for pulls in (_pulling, _pushing))
         for force in (record.clean, record.plain)
     )
-    # What the encoder's steps make of the force counts as noise, too.
+    # The force's error by the encoder's steps counts as noise, too.
     stiffness = float(np.std(record.plain) / np.std(np.maximum(x, 0.0)))
     steps = (stiffness * float(record.notes["encoder"])) ** 2 / 12.0
     return max(changed - nothing, 0.0) / (record.noise**2 + steps)
@@ -49,7 +49,7 @@ def _pulling(design: Array, force: Array) -> float:
 
 
 def _pushing(design: Array, force: Array) -> float:
-    """Return the same where what they make is cut at zero: fitted where it is not."""
+    """Return the same if their sum is cut at zero: it is fitted where it is positive."""
     kept, left = np.ones(force.size, dtype=bool), np.inf
     for _ in range(_CLAMPED_FITS):
         made = design @ nnls(design[kept], force[kept])[0]

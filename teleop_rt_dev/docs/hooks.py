@@ -55,7 +55,7 @@ def _pictures() -> list[Path]:
 
 
 def _gallery() -> str:
-    """Return the pictures of the gallery by page; what to do where there are none."""
+    """Return the pictures of the gallery by page, or how to make them if there are none."""
     pages: dict[str, list[str]] = {}
     for picture in _pictures():
         page, width, scheme = picture.stem.rsplit("-", 2)

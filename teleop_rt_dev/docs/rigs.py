@@ -16,8 +16,8 @@ TEXT = """# Which adapter, which drive
 Generated from the rigs that ship (`config/rigs`). Start from the one whose drive and sensors are
 nearest to yours: `teleop-rt new mine --trial silicone_cube` copies a trial with its rig. On
 hardware the same rig names another bus: `socketcan` for CAN adapters that Linux knows, `slcan` and
-`gs_usb` for those on USB, a serial port by its path. [Adapters](../howto/adapters.md) compares what
-can be bought; `teleop-rt doctor` measures what a bus really does.
+`gs_usb` for those on USB, a serial port by its path. [Adapters](../howto/adapters.md) compares
+adapters on sale; `teleop-rt doctor` measures how a bus really behaves.
 
 """
 

@@ -68,8 +68,8 @@ class Pushing:
 def killed_in_one_run(kills: int) -> dict[str, Any]:
     """Kill the recorder of a run so often; how much of the run is not in its file each time?
 
-    The rows that were not there yet must be in the part that the next recorder writes: what no
-    part holds is lost.
+    The rows that were not there yet must be in the part that the next recorder writes: a row
+    that no part holds is lost.
     """
     chosen = random.Random(kills)
     killed_ns: list[float] = []

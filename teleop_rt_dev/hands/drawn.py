@@ -1,4 +1,4 @@
-"""Drawn trials: who holds which handle, in front of what, over which link.
+"""Drawn trials: who holds which handle, in front of which body, over which link.
 
 Written from the ranges that people, bodies and links have, without regard to rendering: a
 number alone draws a trial. The walls here are the plant's own overrides and nothing else.

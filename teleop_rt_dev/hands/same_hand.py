@@ -1,18 +1,21 @@
-"""The same hand on the wall that was rendered at some swings, continuous and left as it is.
+"""The same hand on the wall that was rendered at some swings, kept as one continuous wall.
 
-The other ideal walls stand where the body is, and a hand meets them in its own time: the phase of
-its taps to the ringing of the wall, and of its tremor to both, is another one. Here the hand takes
-the whole way that it took, past every wall, offset and brake that was rendered, to a period before
-the swings. From there on it has one wall: that of this moment, or that of the end of the swings,
-where they begin with a first touch. It never changes while the hand is in it, or in what it would
-change to: a wall that moves where nobody feels it does no work. The leash's brake alone goes on to
-count from where it counted in the run: dry friction gives no energy, whatever its limit does. No
-model, no offset, no news, no sampling and no latency has a part in it; the wall stays, or moves on
-as the body does. The hand's motion there is its own share. Swings are its own where it makes a row
-there at that time, about as fast and as large, and so long that fewer than five swings are left, or
-where little and nothing sustained remains once its motion there is subtracted. The first finds a
-hand that bounces in its own rhythm, whose motions drift apart by a touch that was earlier; the
-second finds tremor, of which five swings are chance.
+Purpose. On the other ideal walls, which lie where the body is, a hand arrives at its own time:
+the phases of its taps, its tremor and the wall's ringing differ from the run's. Here the hand
+takes the whole way of the run, past every rendered wall, offset and brake, to one period before
+the swings.
+
+The wall. From there on the hand has one wall: the one rendered at that moment, or at the end of
+the swings if they begin with a first touch. It does not change while the hand is in it, or would
+be in its successor: a wall that moves where nobody feels it does no work. It stays, or moves as
+the body does. There is no model, offset, message, sampling or latency. Only the leash's brake
+goes on as in the run: dry friction gives no energy, whatever its limit does.
+
+The judgement. Swings are the hand's own in two cases. First, if it makes a row of swings there at
+that time, about as fast and as large, and so long that fewer than five swings are left: this finds
+a hand that bounces in its own rhythm, whose motions drift apart after an earlier touch. Second,
+if little and nothing sustained remains once its motion there is subtracted: this finds tremor, of
+which five swings are chance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The example notebook runs, and holds what it gives."""
+"""The example notebook runs, and its stored outputs are the ones that it gives."""
 
 import re
 from pathlib import Path

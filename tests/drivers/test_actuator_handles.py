@@ -26,7 +26,7 @@ from teleop_rt_drivers.simulated.reference import environment_force
 HANDLES = ("damiao", "odrive", "robstride", "moteus")
 K, B, SURFACE = 3600.0, 20.0, 0.0137
 MODEL_SHARE = 0.001
-"""Of the range: what an estimate may be off, 0.1 % of the stiffness and of the surface's depth."""
+"""Allowed error of an estimate, of its range: 0.1 % of the stiffness and of the surface's depth."""
 # Steps of a torque, of 12 bits over -10 to 10 Nm and 16 bits over -17 to 17 Nm, at 100 N per Nm.
 TORQUE_STEP_N = {"damiao": 2000.0 / 4095.0, "robstride": 3400.0 / 65535.0}
 
@@ -62,7 +62,7 @@ class Declared:
 
 
 def declared(trial, folder, damping):
-    """Work them out along the true motion of the handle; `damping` is what is passive [N s/m]."""
+    """Work them out along the true motion of the handle; `damping` is the passive one [N s/m]."""
     topics = read_topics(folder / "recording.mcap", ["/master", HANDLE_TRUTH_TOPIC])
     master, handle = topics["/master"], topics[HANDLE_TRUTH_TOPIC]
     rig, period_s = trial.operator.rig, 1.0 / trial.master.rate_hz

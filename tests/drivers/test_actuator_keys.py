@@ -1,4 +1,4 @@
-"""Keys of makers' drives in a rig file: what each changes on the wire, or in what is read."""
+"""Keys of makers' drives in a rig file: the change of each on the wire, or in the values read."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def random_frame(rng: random.Random) -> can.Message:
 
 @pytest.fixture
 def wire(monkeypatch):
-    """The other end of what python-can takes for a raw socket of SocketCAN."""
+    """The other end of a socket that python-can takes for a raw socket of SocketCAN."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     monkeypatch.setattr(socketcan, "create_socket", lambda: ours)
     monkeypatch.setattr(socketcan, "bind_socket", lambda *_: None)
@@ -58,7 +58,7 @@ def as_struct(message: can.Message) -> bytes:
 
 
 class Daemon:
-    """An axis that hears what a test says, and what it makes of it."""
+    """An axis that hears the frames of a test, and the samples that it makes of them."""
 
     def __init__(self, bus: can.BusABC) -> None:
         rig = canopen_rig()

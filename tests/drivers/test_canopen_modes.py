@@ -40,7 +40,7 @@ def test_in_torque_mode_the_loop_is_closed_by_the_daemon_and_follows():
         bench.cycle(path(k))
         forces.append(bench.simulated.plant.force)
         errors.append(abs(bench.simulated.plant.position - path(k)))
-    assert max(errors) < 3e-3  # the body's 43 N against 31.6 N/mm, and what the loop lags
+    assert max(errors) < 3e-3  # the body's 43 N against 31.6 N/mm, and the loop's lag
     assert max(forces) > 25.0
     bench.axis.stop()
     bench.silence(200)

@@ -1,4 +1,4 @@
-"""A CyberGear by its manual, chapter 4: the daemon's frames, and what the simulated motor answers.
+"""A CyberGear by its manual, chapter 4: the daemon's frames, and the simulated motor's answers.
 
 No codec of ours writes or reads a byte here. Each number is worked out from the manual's tables: an
 id is type << 24 | data << 8 | target, 16 bits span a range, and the highest byte comes first.

@@ -237,7 +237,7 @@ def heard(kind: str, data: bytes, chunks: int = 1) -> tuple[list[bytes], dict[st
 def test_packets_are_found_in_any_pieces_behind_anything(kind, garbage, chunks):
     said = KINDS[kind][1]
     found, _ = heard(kind, garbage + said * 4, chunks)
-    # What stands before may pass for the beginning of a packet and swallow a few.
+    # The garbage before may pass for the beginning of a packet and swallow a few.
     assert found[-1:] == [said]
     assert set(found) == {said}
 

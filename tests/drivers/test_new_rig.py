@@ -1,4 +1,4 @@
-"""A rig's file from what is on the table: `check` accepts it, and it runs where it is simulated."""
+"""A rig's file from the devices on the table: `check` accepts it, and it runs simulated."""
 
 from __future__ import annotations
 

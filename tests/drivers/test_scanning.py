@@ -1,4 +1,4 @@
-"""`new-rig --scan`: who answers on a bus or line, and a rig that holds what was read."""
+"""`new-rig --scan`: who answers on a bus or line, and a rig with the values read."""
 
 from __future__ import annotations
 

@@ -126,4 +126,4 @@ def test_the_simulated_converter_settles_over_four_conversions():
     assert weights.sum() == pytest.approx(1.0)
     assert np.all(weights > 0.0)
     middle = weights @ np.arange(len(weights)) / (len(weights) - 1)
-    assert middle == pytest.approx(0.5), "its delay is half of what it takes to settle"
+    assert middle == pytest.approx(0.5), "its delay is half of its settling time"

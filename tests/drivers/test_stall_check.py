@@ -92,7 +92,7 @@ def test_a_simulated_drive_without_a_profile_watches_for_as_long_as_its_rig_says
 
 @pytest.fixture
 def checked(monkeypatch, capsys):
-    """Run `teleop-rt check` on the default trial; returns what it found."""
+    """Run `teleop-rt check` on the default trial; returns its findings."""
 
     def run(*words):
         trial = Path(RIGS).parent / "trials" / "silicone_cube.yaml"

@@ -25,7 +25,7 @@ SILICONE = RIGS.parent / "trials" / "silicone_cube.yaml"
 
 
 class Part:
-    """A part of an axis that reads what it is given."""
+    """A part of an axis that reads given samples."""
 
     def __init__(self, **given):
         self.given = given

@@ -1,8 +1,8 @@
 """Handshake and window against an attacker who owns the wire, as a state machine.
 
 The attacker sees every packet and decides which arrives, when, how often, in which order and at
-which end. Whatever it does: no nonce comes twice under one key, what is taken in is news that the
-genuine peer said, in order and once, no motion older than its bound is followed, and once the wire
+which end. Under every attack: no nonce comes twice under one key, news that is taken in was sent by
+the genuine peer, in order and once, no motion older than its bound is followed, and once the wire
 is honest again, both ends talk.
 """
 

@@ -68,7 +68,7 @@ BAD = Impairment(100 * PERIOD_NS, 25 * PERIOD_NS, loss=0.3, duplicate=0.05, reor
 
 @pytest.mark.parametrize("seed", range(10))
 def test_adoption_never_steps_the_force_on_a_bad_network(seed: int) -> None:
-    """The environment changes in every contact; what the blend's own law explains is no step.
+    """The environment changes in every contact; a change by the blend's own law is no step.
 
     The law is asked at the hand's place before the tick's change of offset: the hand feels both.
     """

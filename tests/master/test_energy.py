@@ -176,7 +176,7 @@ def test_sustained_is_three_to_forty_hertz_large_enough_and_fed_by_the_wall(
 
 
 def shake(guard: ShakeGuard, seconds: float, size: Callable[[float], float]) -> None:
-    """Move a device at 8 Hz by `size(t)`, on a wall that makes just what its damping takes."""
+    """Move a device at 8 Hz by `size(t)`, on a wall that makes the energy its damping takes."""
     for tick in range(round(seconds / T)):
         angle = 2 * math.pi * 8 * tick * T
         x, v = size(tick * T) * math.sin(angle), 50 * size(tick * T) * math.cos(angle)

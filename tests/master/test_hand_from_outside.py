@@ -67,7 +67,7 @@ class Handle:
 
 
 class HeldHandle:
-    """Both bodies and the motor; a `Device` for the master. `taken_J` is what the motor took."""
+    """Both bodies and the motor; a `Device` for the master. `taken_J`: the motor's energy."""
 
     def __init__(self, grip: Grip, handle: Handle) -> None:
         self.grip, self.handle, self.timing = grip, handle, handle.timing
@@ -257,7 +257,7 @@ def test_five_seconds_of_delay_are_felt_without_shaking() -> None:
 
 
 def test_a_device_that_is_worse_than_it_says_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The measure finds what it is for: a wall far beyond the bound, and nobody who watches."""
+    """The measure finds its case: a wall far beyond the bound, without the watch."""
     monkeypatch.setattr("teleop_rt.master.shaking.ShakeGuard.update", lambda *_: False)
     monkeypatch.setattr("teleop_rt.master.passivity.PassivityBound.reduce", lambda _, *kb: kb)
     rows, _ = hold(LOOSE, Handle(1.0, 0.002, coulomb_N=0.0), 8000.0, 0.0, 0.0)

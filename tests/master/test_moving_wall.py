@@ -86,7 +86,7 @@ def test_the_work_of_a_surface_is_no_energy_that_the_rendering_makes() -> None:
     assert observer.surface_J > 0.03
     assert kept == 0.0
     observer, kept = pushed_back(accounted=False)
-    assert observer.missing_J < 1e-3, "the wall is cut off at what the hand gave"
+    assert observer.missing_J < 1e-3, "the wall is cut off at the energy that the hand gave"
     assert kept > 1.0
 
 

@@ -1,4 +1,4 @@
-"""Walls beyond the bound: what is rendered of them."""
+"""Walls beyond the bound, and the part of them that is rendered."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ RECEDING = streamed("moving_surface", 0.0005)
 
 
 def walls(*effects):
-    """A wall with these effects, and what leads their memories."""
+    """A wall with these effects, and the object that leads their memories."""
     rendered = RenderedEffects(LIBRARY, 0.1, 1.5)
     model = ModelMessage("kelvin-voigt", 1, 1, SURFACE, k=K, b=B, effects=effects)
     wall = wall_of(model, rendered.terms(effects, 0.0))

@@ -13,7 +13,7 @@ ELSEWHERE = ("work_us", "wake_latency_us")
 
 
 def master_of(row, of):
-    """Return what a row reads of a master: each value of `of` where that column comes from."""
+    """Return the parts of a master that a row reads, with each value of `of` in its place."""
     return SimpleNamespace(
         row=row.values,
         tick=of["tick"],

@@ -1,4 +1,4 @@
-"""A kernel reads recorded rows as the library does, and leaves to it what it does not know."""
+"""A kernel reads recorded rows as the library does, and leaves unknown types to it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ MCL_FUTURE = 2  # of <sys/mman.h>: pages mapped later are locked, too
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Ask without changing this process; returns what was asked by name."""
+    """Ask without changing this process; returns the requests by name."""
     locked = scheduling.Privilege("mlockall", granted=True, reason="", how_to_grant="")
     monkeypatch.setattr(scheduling, "lock_memory", lambda: locked)
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)

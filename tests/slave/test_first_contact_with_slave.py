@@ -48,7 +48,7 @@ def test_the_environment_is_never_pressed_beyond_the_cap_nor_energy_beyond_the_b
         while left > 0:
             world.step()
             left -= 1
-            if adoption.newest.k > 1000.0:  # what follows from it shows within a round trip
+            if adoption.newest.k > 1000.0:  # its consequences show within a round trip
                 left = min(left, round(round_trip_ms) + 500)
             assert world.axis.force_max <= FORCE_CAP_N
             assert adoption.tank.level_J >= 0.0

@@ -95,7 +95,7 @@ def test_homing_finds_the_switch_from_either_side_without_a_jump(start):
 
 @pytest.mark.parametrize("start", [0.2 + 3e-17, 2e3, -2e3])
 def test_an_encoder_may_count_from_anywhere(start):
-    config = HOMING.model_copy(update={"search": 0.098})  # what it may reach ends at 0 + 3e-17
+    config = HOMING.model_copy(update={"search": 0.098})  # its reach ends at 0 + 3e-17
     tool = Tool(config, start, switch=start - 0.05)
     assert tool.run() is None
     assert tool.homing.shift == pytest.approx(-0.04 - (start - 0.05), abs=6e-6)

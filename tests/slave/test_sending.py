@@ -48,7 +48,7 @@ class Bench:
         return True
 
     def run(self, count_ms: int) -> list[tuple[int, float]]:
-        """Run so long; return what was sent meanwhile."""
+        """Run so long; return the values sent meanwhile."""
         self.sent.clear()
         for _ in range(count_ms):
             self.now_ms += 1

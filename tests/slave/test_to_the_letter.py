@@ -1,4 +1,4 @@
-"""Limits, counts and states at their very edge: what a mutation of the code would move.
+"""Limits, counts and states at their very edge, which a mutation of the code would move.
 
 `mutants.md` beside this lists the mutants that no test can distinguish from the code.
 """

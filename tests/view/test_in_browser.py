@@ -144,7 +144,7 @@ def test_a_browser_may_come_and_go_pause_and_choose_its_theme(browser, simulated
         advance()
     browser.get(f"{address}?theme=light")
     assert browser.execute_script(ground) == "rgb(255, 255, 255)"
-    # What was published while nobody looked; nothing more is published while this waits.
+    # Rows published while nobody looked; nothing more is published while this waits.
     until(browser, lambda: points(browser, "slave", "t") > 75)
 
     keys = pytest.importorskip("selenium.webdriver.common.keys")

@@ -1,7 +1,7 @@
 """A maker's drive as a port of framed devices: orders in, position and torque out.
 
-To the axis it is one source and one command, `drive`; what frames an order takes, how the drive is
-given power and when it is asked is decided here, alike for all makers and wires.
+To the axis it is one source and one command, `drive`. This module decides, alike for all makers and
+wires, which frames an order takes, how the drive is given power and when it is asked.
 """
 
 from __future__ import annotations

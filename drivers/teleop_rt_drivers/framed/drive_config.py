@@ -32,7 +32,7 @@ class DriveStates(Section):
 
 
 class FramedDriveConfig(Section):
-    """A drive that takes positions: two frames, and which field is what."""
+    """A drive that takes positions: two frames, and the meaning of their fields."""
 
     command: str = Field(
         description="Where commands go: a port's name (serial) or a message's name (CAN)."

@@ -126,7 +126,7 @@ class ActuatorNetwork:
             self._mend()
 
     def process(self) -> None:
-        """Handle the waiting frames, as of now, and let the drive send what is due."""
+        """Handle the waiting frames, as of now, and let the drive send the frames that are due."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         self._receive(now_ns)

@@ -100,7 +100,7 @@ class CanNetwork:
             mend_bus(self._bus)
 
     def process(self) -> None:
-        """Handle the waiting frames, as of now, and let the devices send what is due."""
+        """Handle the waiting frames, as of now, and let the devices send those that are due."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         while (frame := self._receive()) is not None:

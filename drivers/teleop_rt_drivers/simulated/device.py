@@ -133,7 +133,7 @@ class Node(ObjectStore):
             if self._syncs % pdo.every == 0:
                 self._send(pdo.cob_id, pdo.struct.pack(*[read() for read in pdo.readers]))
 
-    # What a kernel does in its place (`answering.py`).
+    # Done by a kernel instead (`answering.py`).
 
     @property
     def is_usual(self) -> bool:
@@ -146,7 +146,7 @@ class Node(ObjectStore):
         )
 
     def objects(self) -> list[tuple[Pdo, int, list[tuple[int, int, Measured]]]]:
-        """Return each TPDO, the number that its bytes are without what is measured, and that.
+        """Return each TPDO, its bytes as a number without measured values, and those values.
 
         Each measured object comes with its lowest bit and the mask of its bits there.
         """

@@ -111,7 +111,7 @@ def advance(
 
     The reference is taken as linear within a step. Every step leaves its time and contact force
     in the history, a ring. The drive's force is integrated by the same steps as the velocity, so
-    that its impulse [rig unit s] is the momentum and what the body took.
+    that its impulse [rig unit s] is the momentum and the impulse of the body.
     """
     steps = (span_ns + STEP_NS - 1) // STEP_NS
     h = span_ns * 1e-9 / steps

@@ -1,7 +1,7 @@
 """A simulated axis of an ODrive on CANSimple, by its maker's table of messages.
 
-Made from odriverobotics/ODrive, docs/can-protocol.rst and can-protocol.csv, byte by byte, and what
-it does from its Firmware (can_simple.cpp, axis.cpp, main.cpp); nothing is shared with the driver.
+Made from odriverobotics/ODrive, docs/can-protocol.rst and can-protocol.csv, byte by byte; its
+behaviour from its Firmware (can_simple.cpp, axis.cpp, main.cpp); nothing is shared with the driver.
 Set up as `docs/howto/odrive.md` says: heartbeat every 10 ms, encoder estimates and currents every
 millisecond, a watchdog of 50 ms that every message to the axis feeds, and that runs in any state.
 """

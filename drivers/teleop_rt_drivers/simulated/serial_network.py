@@ -118,7 +118,7 @@ class SerialNetwork:
         self.devices[device].faults.heal()
 
     def process(self) -> None:
-        """Handle the waiting frames, as of now, and let the devices send what is due."""
+        """Handle the waiting frames, as of now, and let the devices send those that are due."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         measured = False

@@ -88,7 +88,8 @@ def _slipping(
     """Stretch springs in parallel, each of which slips at a travel of its own (Iwan 1966).
 
     Their travels lie evenly in the logarithm, from the largest, eta[0], down to that over eta[1];
-    the force is per unit of what all of them hold at most. state: stretches, then last penetration.
+    the force is per unit of the most that they hold together. state: stretches, then last
+    penetration.
     """
     return _stretched(state, max(x, 0.0), eta)
 

@@ -24,8 +24,8 @@ def _two_harmonics(
     return float(sin(first) + eta[2] * sin(second) + eta[3] * cos(second))
 
 
-# What does not come back within the travel is no ripple: of one and a half periods a smooth law is
-# made, which fits a stiffening body and predicts nothing.
+# A shape that does not repeat within the travel is no ripple: a smooth law makes one and a half
+# periods, which fits a stiffening body and predicts nothing.
 _PITCH = Shape(
     "pitch", "{x}", 1.0 / 60.0, 0.5, 0.2, reciprocal=True, relative_to="travel", points=118
 )

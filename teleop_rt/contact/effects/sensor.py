@@ -65,7 +65,7 @@ def _low_pass_of_two(
     decay, turn = natural * damping, natural * sqrt(1.0 - damping * damping)
     slope = (x - state[2]) / dt
     lag = 2.0 * damping * slope / natural
-    # What is left of the past beside the steady answer to a ramp swings and fades.
+    # The past swings and fades beside the steady answer to a ramp.
     gap, rate = state[0] - state[2] + lag, state[1] - slope
     fade, cosine, sine = exp(-decay * dt), cos(turn * dt), sin(turn * dt) / turn
     state[0] = x - lag + fade * (gap * (cosine + decay * sine) + rate * sine)

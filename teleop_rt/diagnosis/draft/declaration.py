@@ -20,7 +20,7 @@ _WHERE = {
 _PAGE = '''"""A law of the force that a recording asks for.
 
 Drafted from {recording}: no declared effect explains the model's residual there. Give the effect
-a name, describe it in `sentence`, and change what you know better; see docs/howto/effect.md.
+a name, describe it in `sentence`, and correct wrong values; see docs/howto/effect.md.
 
 The residual of the base depends on: {shares}.
 The law is the sum of {count}: {words}.

@@ -91,7 +91,7 @@ function limits(columns) {
 }
 
 // An axis moves only when it must: a scale that trembles with every frame cannot be read.
-// What does not move is shown as still: an axis is never less high than its least.
+// A still signal is shown as still: an axis is never less high than its least.
 function fit(range, [lowest, highest], least) {
   const span = Math.max(highest - lowest, least, 1e-9 * Math.abs(highest), 1e-12);
   const spare = (span - (highest - lowest)) / 2, low = lowest - spare, high = highest + spare;
@@ -117,13 +117,13 @@ function closed(rows) {
   return shown;
 }
 
-// What an axis must hold: the newest value, and what is held; without that every value.
+// Range of an axis: the newest value and the held ones; without held ones every value.
 function extent(columns, values) {
   const found = limits(columns);
   return found ? limits([found, values.slice(-1)]) : limits([values]);
 }
 
-// As the report's: 1.5 times what 95 of 100 values keep within, so that no spike sets the scale.
+// As the report's: 1.5 times the bound of 95 in 100 values, so that no spike sets the scale.
 function robust(values) {
   const sizes = values.filter((one) => !isNaN(one)).map(Math.abs).sort();
   const most = 1.5 * (sizes[Math.floor(0.95 * sizes.length)] ?? NaN);
