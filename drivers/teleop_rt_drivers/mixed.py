@@ -119,18 +119,19 @@ def join(
     position: Any = positions[0]
     force: Any = forces[0]
     drive: Any = drives[0]
-    s: Any = samples[0]
-    s.valid = position.valid > 0 and force.valid > 0
-    s.position, s.position_stamp_ns = position.position, position.position_stamp_ns
-    s.force, s.force_stamp_ns = force.force, force.force_stamp_ns
-    s.stamp_ns = min(position.position_stamp_ns, force.force_stamp_ns)
-    s.device_stamp_ns, s.enabled = position.device_stamp_ns, drive.enabled
-    s.has_drive_position, s.drive_position = drive.has_drive_position, drive.drive_position
-    s.has_drive_force, s.drive_force = drive.has_drive_force, drive.drive_force
-    s.switch, s.rejected, s.fault = closed, rejected, fault
-    if s.valid > 0:
-        s.missing = 0
-    return bool(s.valid > 0)
+    sample: Any = samples[0]
+    sample.valid = position.valid > 0 and force.valid > 0
+    sample.position, sample.position_stamp_ns = position.position, position.position_stamp_ns
+    sample.force, sample.force_stamp_ns = force.force, force.force_stamp_ns
+    sample.stamp_ns = min(position.position_stamp_ns, force.force_stamp_ns)
+    sample.device_stamp_ns, sample.enabled = position.device_stamp_ns, drive.enabled
+    sample.has_drive_position = drive.has_drive_position
+    sample.drive_position = drive.drive_position
+    sample.has_drive_force, sample.drive_force = drive.has_drive_force, drive.drive_force
+    sample.switch, sample.rejected, sample.fault = closed, rejected, fault
+    if sample.valid > 0:
+        sample.missing = 0
+    return bool(sample.valid > 0)
 
 
 class MixedAxis:

@@ -81,20 +81,20 @@ def write_estimate(
 
     Values that are not estimated are NaN. room (MAX_PARAMETERS, MAX_PARAMETERS) is to work in.
     """
-    p: Any = places[r]
-    scales = p.scales[: p.scaled]
-    where = (p.row, p.slot, p.place, p.integral > 0)
-    if p.linear > 0:
+    place: Any = places[r]
+    scales = place.scales[: place.scaled]
+    where = (place.row, place.slot, place.place, place.integral > 0)
+    if place.linear > 0:
         known = write_linear(one, *where, scales, room, values, deviations)
     else:
-        beside = (p.companion, p.companion_slot)
+        beside = (place.companion, place.companion_slot)
         known = write_hunt_crossley(one, *where, scales, *beside, room, values, deviations)
-    if p.lag_s > 0.0 and p.k_at != NONE:
-        widen(deviations, p.b_at, values[p.k_at] * p.lag_s)
-    if p.lag_s > 0.0 and p.b_at != NONE:
-        widen(deviations, p.m_at, values[p.b_at] * p.lag_s)
-    widen(deviations, p.k_at, p.friction_k)
-    widen(deviations, p.b_at, p.friction_b)
+    if place.lag_s > 0.0 and place.k_at != NONE:
+        widen(deviations, place.b_at, values[place.k_at] * place.lag_s)
+    if place.lag_s > 0.0 and place.b_at != NONE:
+        widen(deviations, place.m_at, values[place.b_at] * place.lag_s)
+    widen(deviations, place.k_at, place.friction_k)
+    widen(deviations, place.b_at, place.friction_b)
     return known
 
 

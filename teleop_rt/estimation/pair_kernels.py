@@ -62,54 +62,54 @@ def place(field: str) -> int:
 
 @kernel
 def note_position(
-    p: Pairs, stamps: Counts, positions: Vector, position: float, stamp_ns: int
+    pairs: Pairs, stamps: Counts, positions: Vector, position: float, stamp_ns: int
 ) -> None:
     """Keep a position that is newer than all others."""
     size = len(stamps)
-    if p.count == 0 or stamp_ns > stamps[p.newest]:
-        p.newest = (p.newest + 1) % size
-        stamps[p.newest], positions[p.newest] = stamp_ns, position
-        p.count = min(p.count + 1, size)
+    if pairs.count == 0 or stamp_ns > stamps[pairs.newest]:
+        pairs.newest = (pairs.newest + 1) % size
+        stamps[pairs.newest], positions[pairs.newest] = stamp_ns, position
+        pairs.count = min(pairs.count + 1, size)
 
 
 @kernel
-def note_force(p: Pairs, times: Counts, forces: Vector, force: float, time_ns: int) -> None:
+def note_force(pairs: Pairs, times: Counts, forces: Vector, force: float, time_ns: int) -> None:
     """Let a force wait; of too many the oldest is dropped."""
     size = len(times)
-    if p.waiting == size:
-        drop_force(p, size)
-    at = (p.oldest + p.waiting) % size
+    if pairs.waiting == size:
+        drop_force(pairs, size)
+    at = (pairs.oldest + pairs.waiting) % size
     times[at], forces[at] = time_ns, force
-    p.waiting += 1
+    pairs.waiting += 1
 
 
 @kernel
-def drop_force(p: Pairs, size: int) -> None:
+def drop_force(pairs: Pairs, size: int) -> None:
     """Drop the oldest of the forces that wait."""
-    p.oldest = (p.oldest + 1) % size
-    p.waiting -= 1
+    pairs.oldest = (pairs.oldest + 1) % size
+    pairs.waiting -= 1
 
 
 @kernel
-def count_lost(p: Pairs, stamp_ns: int) -> None:
+def count_lost(pairs: Pairs, stamp_ns: int) -> None:
     """Set `gap` by the time since the last pair: whole periods beyond the first are lost."""
-    p.gap = 0
-    if p.last_ns >= 0:
-        p.gap = max(0, int(np.rint((stamp_ns - p.last_ns) / p.period_ns)) - 1)
-    p.last_ns = stamp_ns
+    pairs.gap = 0
+    if pairs.last_ns >= 0:
+        pairs.gap = max(0, int(np.rint((stamp_ns - pairs.last_ns) / pairs.period_ns)) - 1)
+    pairs.last_ns = stamp_ns
 
 
 @kernel
-def meet(p: Pairs, stamps: Counts, positions: Vector, wanted_ns: int, force: float) -> int:
+def meet(pairs: Pairs, stamps: Counts, positions: Vector, wanted_ns: int, force: float) -> int:
     """Interpolate the position of a time; there is none where it is older than all kept."""
-    size, later = len(stamps), p.newest
-    for back in range(1, p.count):
-        earlier = (p.newest - back) % size
+    size, later = len(stamps), pairs.newest
+    for back in range(1, pairs.count):
+        earlier = (pairs.newest - back) % size
         if stamps[earlier] <= wanted_ns:
             share = (wanted_ns - stamps[earlier]) / (stamps[later] - stamps[earlier])
             before, after = positions[earlier], positions[later]
-            p.position, p.force = before + share * (after - before), force
-            count_lost(p, wanted_ns)
+            pairs.position, pairs.force = before + share * (after - before), force
+            count_lost(pairs, wanted_ns)
             return PAIR
         later = earlier
     return NOTHING
@@ -117,7 +117,7 @@ def meet(p: Pairs, stamps: Counts, positions: Vector, wanted_ns: int, force: flo
 
 @kernel
 def take_next(
-    p: Pairs,
+    pairs: Pairs,
     stamps: Counts,
     positions: Vector,
     times: Counts,
@@ -128,23 +128,23 @@ def take_next(
     force_ns: int,
 ) -> int:
     """Take a cycle's valid values; pair the oldest new force once its position is there."""
-    note_position(p, stamps, positions, position, position_ns)
-    if force_ns != p.force_ns:
-        p.force_ns = force_ns
-        note_force(p, times, forces, force, force_ns - p.lag_ns)
-    if p.waiting == 0 or times[p.oldest] + p.half_ns > stamps[p.newest]:
+    note_position(pairs, stamps, positions, position, position_ns)
+    if force_ns != pairs.force_ns:
+        pairs.force_ns = force_ns
+        note_force(pairs, times, forces, force, force_ns - pairs.lag_ns)
+    if pairs.waiting == 0 or times[pairs.oldest] + pairs.half_ns > stamps[pairs.newest]:
         return NOTHING
-    wanted_ns, met = times[p.oldest], forces[p.oldest]
-    drop_force(p, len(times))
-    if p.averages > 0:
-        p.next_ns, p.force = wanted_ns, met
+    wanted_ns, met = times[pairs.oldest], forces[pairs.oldest]
+    drop_force(pairs, len(times))
+    if pairs.averages > 0:
+        pairs.next_ns, pairs.force = wanted_ns, met
         return TO_AVERAGE
-    return meet(p, stamps, positions, wanted_ns, met)
+    return meet(pairs, stamps, positions, wanted_ns, met)
 
 
 @kernel
 def take_even(
-    p: Pairs,
+    pairs: Pairs,
     stamps: Counts,
     positions: Vector,
     times: Counts,
@@ -156,31 +156,31 @@ def take_even(
 ) -> int:
     """Take a cycle's valid values; pair them at the next of evenly spaced times, if it has come."""
     size = len(times)
-    note_position(p, stamps, positions, position, position_ns)
-    last = (p.oldest + p.waiting - 1) % size
-    if p.waiting == 0 or force_ns - p.lag_ns > times[last]:
-        note_force(p, times, forces, force, force_ns - p.lag_ns)
-        last = (p.oldest + p.waiting - 1) % size
-    newest_ns = min(stamps[p.newest], times[last])
-    if p.next_ns < 0:
-        p.next_ns = newest_ns + p.period_ns
-    behind = (newest_ns - p.next_ns) // p.period_ns
+    note_position(pairs, stamps, positions, position, position_ns)
+    last = (pairs.oldest + pairs.waiting - 1) % size
+    if pairs.waiting == 0 or force_ns - pairs.lag_ns > times[last]:
+        note_force(pairs, times, forces, force, force_ns - pairs.lag_ns)
+        last = (pairs.oldest + pairs.waiting - 1) % size
+    newest_ns = min(stamps[pairs.newest], times[last])
+    if pairs.next_ns < 0:
+        pairs.next_ns = newest_ns + pairs.period_ns
+    behind = (newest_ns - pairs.next_ns) // pairs.period_ns
     if behind < 0:
         return NOTHING
     if behind > MOST_BEHIND:
-        p.next_ns += (behind - 1) * p.period_ns
-    wanted_ns = p.next_ns
-    p.next_ns += p.period_ns
-    while p.waiting > 2 and times[(p.oldest + 1) % size] <= wanted_ns:
-        drop_force(p, size)
-    at, then = p.oldest, (p.oldest + 1) % size
-    if p.waiting < 2 or times[at] > wanted_ns:
+        pairs.next_ns += (behind - 1) * pairs.period_ns
+    wanted_ns = pairs.next_ns
+    pairs.next_ns += pairs.period_ns
+    while pairs.waiting > 2 and times[(pairs.oldest + 1) % size] <= wanted_ns:
+        drop_force(pairs, size)
+    at, then = pairs.oldest, (pairs.oldest + 1) % size
+    if pairs.waiting < 2 or times[at] > wanted_ns:
         return NOTHING
-    if times[then] - times[at] > LARGEST_GAP_PERIODS * p.period_ns:
+    if times[then] - times[at] > LARGEST_GAP_PERIODS * pairs.period_ns:
         return NOTHING
     share = (wanted_ns - times[at]) / (times[then] - times[at])
     met = forces[at] + share * (forces[then] - forces[at])
-    return meet(p, stamps, positions, wanted_ns, met)
+    return meet(pairs, stamps, positions, wanted_ns, met)
 
 
 @kernel
@@ -196,12 +196,14 @@ def take_values(
     force_ns: int,
 ) -> int:
     """Take a cycle's valid values with their stamps; return whether there is a pair."""
-    p: Any = stored[0]
-    if p.is_even > 0:
+    pairs: Any = stored[0]
+    if pairs.is_even > 0:
         return take_even(
-            p, stamps, positions, times, forces, position, position_ns, force, force_ns
+            pairs, stamps, positions, times, forces, position, position_ns, force, force_ns
         )
-    return take_next(p, stamps, positions, times, forces, position, position_ns, force, force_ns)
+    return take_next(
+        pairs, stamps, positions, times, forces, position, position_ns, force, force_ns
+    )
 
 
 @kernel
@@ -215,10 +217,10 @@ def take_sample(
     ready: bool,
 ) -> int:
     """Take a cycle's sample as `take_values` does, valid only where it is ready, too."""
-    s: Any = samples[0]
-    if not ready or s.valid == 0:
+    sample: Any = samples[0]
+    if not ready or sample.valid == 0:
         return NOTHING
     return take_values(
-        stored, stamps, positions, times, forces, s.position, s.position_stamp_ns, s.force,
-        s.force_stamp_ns,
+        stored, stamps, positions, times, forces, sample.position, sample.position_stamp_ns,
+        sample.force, sample.force_stamp_ns,
     )  # fmt: skip

@@ -65,39 +65,39 @@ _TYPE = np.dtype((np.record, np.dtype([(name, np.float64) for name in _FIELDS]))
 
 
 @kernel
-def count(p: PortEnergy, acted: float, force: float, stored_J: float, taken_J: float) -> None:
+def count(port: PortEnergy, acted: float, force: float, stored_J: float, taken_J: float) -> None:
     """Book the energy of a tick; a new contact begins with nothing, and owes nothing."""
     calm = acted == 0.0 and force == 0.0
-    if not calm and p.calm_s > CALM_S:
-        p.energy_J = p.taken_J = 0.0
-        p.epsilon_J = p.capacity_J
-    p.calm_s = p.calm_s + p.period_s if calm else 0.0
-    p.epsilon_J += p.allowance_W * p.period_s
-    p.energy_J = min(p.energy_J + taken_J, stored_J + p.capacity_J)
-    p.taken_J = min(max(p.taken_J, 0.0) + taken_J, stored_J)
-    p.lowest_J = min(p.lowest_J, p.energy_J)
-    p.missing_J = max(p.missing_J, -p.epsilon_J - p.energy_J)
+    if not calm and port.calm_s > CALM_S:
+        port.energy_J = port.taken_J = 0.0
+        port.epsilon_J = port.capacity_J
+    port.calm_s = port.calm_s + port.period_s if calm else 0.0
+    port.epsilon_J += port.allowance_W * port.period_s
+    port.energy_J = min(port.energy_J + taken_J, stored_J + port.capacity_J)
+    port.taken_J = min(max(port.taken_J, 0.0) + taken_J, stored_J)
+    port.lowest_J = min(port.lowest_J, port.energy_J)
+    port.missing_J = max(port.missing_J, -port.epsilon_J - port.energy_J)
 
 
 @kernel
-def turn(p: PortEnergy, stored_J: float, stepped_J: float) -> bool:
+def turn(port: PortEnergy, stored_J: float, stepped_J: float) -> bool:
     """Take in the energy stored now; return whether the hand leaves the wall.
 
     The energy at which the hand turned changes in proportion where the master steps the wall: a
     step alone is no way back. Beyond rounding, for a hand at rest must not seem to leave.
     """
-    before_J, was_J, p.stored_J = stored_J - stepped_J, p.stored_J, stored_J
+    before_J, was_J, port.stored_J = stored_J - stepped_J, port.stored_J, stored_J
     if before_J >= was_J * (1 - ROUNDING):
-        p.turned_J = stored_J
+        port.turned_J = stored_J
         return False
     if stepped_J != 0.0 and before_J > 0.0:
-        p.turned_J *= stored_J / before_J
+        port.turned_J *= stored_J / before_J
     return True
 
 
 @kernel
 def paid(
-    p: PortEnergy, force: float, stored_J: float, stepped_J: float, leaving: bool, bounded: bool
+    port: PortEnergy, force: float, stored_J: float, stepped_J: float, leaving: bool, bounded: bool
 ) -> float:
     """Return the force without the part that the energy taken in this contact does not cover.
 
@@ -112,31 +112,31 @@ def paid(
     returns over `RETURNS_S` after its end.
     """
     if not 0.0 < stored_J < math.inf:
-        p.withheld = 0.0
+        port.withheld = 0.0
         return force
-    taken_J = p.taken_J if bounded else p.energy_J + p.epsilon_J
+    taken_J = port.taken_J if bounded else port.energy_J + port.epsilon_J
     share = math.sqrt(min(1.0, max(0.0, taken_J) / stored_J))
-    if bounded and leaving and p.turned_J > 0.0:
-        share *= 1 - 2 * (1 - GIVEN_BACK) * (1 - min(1.0, stored_J / p.turned_J))
+    if bounded and leaving and port.turned_J > 0.0:
+        share *= 1 - 2 * (1 - GIVEN_BACK) * (1 - min(1.0, stored_J / port.turned_J))
     size = abs(force)
-    falls = p.withheld - size * p.period_s / (RECOVERS_S if bounded else RETURNS_S)
+    falls = port.withheld - size * port.period_s / (RECOVERS_S if bounded else RETURNS_S)
     missing = max((1 - share) * size, falls)
     if not leaving:
         given = min(1.0, max(0.0, stepped_J) / stored_J) if bounded else 0.0
-        missing = min(missing, p.withheld + size * (1 - math.sqrt(1 - given)))
-    p.withheld = missing
-    return math.copysign(max(0.0, size - p.withheld), force)
+        missing = min(missing, port.withheld + size * (1 - math.sqrt(1 - given)))
+    port.withheld = missing
+    return math.copysign(max(0.0, size - port.withheld), force)
 
 
 @kernel
-def damping_of(p: PortEnergy, velocity: float, damping_max: float) -> float:
+def damping_of(port: PortEnergy, velocity: float, damping_max: float) -> float:
     """Return the damping that pays the deficit within this tick, as far as it may."""
-    deficit_J = -p.epsilon_J - p.energy_J
-    power_per_damping = velocity * velocity * p.period_s
+    deficit_J = -port.epsilon_J - port.energy_J
+    power_per_damping = velocity * velocity * port.period_s
     if deficit_J <= 0 or power_per_damping <= 0:
         return 0.0
     damping = min(damping_max, deficit_J / power_per_damping)
-    p.injected_J += damping * power_per_damping
+    port.injected_J += damping * power_per_damping
     return damping
 
 
@@ -154,21 +154,21 @@ def observe(
     bounded: bool,
 ) -> float:
     """Take in one tick; return the force, damped if need be: see `PassivityObserver.update`."""
-    p: Any = ports[0]
-    acted = p.share * forces[0] + (1 - p.share) * forces[1]
-    change_J = acted * (position - p.position) if p.begun > 0.0 else 0.0
-    p.begun, p.position = 1.0, position
-    p.surface_J += surface_J
-    count(p, acted, force, stored_J, change_J + surface_J)
+    port: Any = ports[0]
+    acted = port.share * forces[0] + (1 - port.share) * forces[1]
+    change_J = acted * (position - port.position) if port.begun > 0.0 else 0.0
+    port.begun, port.position = 1.0, position
+    port.surface_J += surface_J
+    count(port, acted, force, stored_J, change_J + surface_J)
     if not bounded:
-        p.taken_J = stored_J  # when that begins, all stored energy was taken
-    p.made_J = 0.0
+        port.taken_J = stored_J  # when that begins, all stored energy was taken
+    port.made_J = 0.0
     if not math.isinf(stored_J):  # of an unknown wall; without the compiler inf - inf is a warning
-        p.made_J = stored_J - p.stored_J - change_J - surface_J
-    leaving = turn(p, stored_J, stepped_J)
-    force = paid(p, force, stored_J, stepped_J, leaving, bounded)
-    if p.damps > 0.0:
-        force += damping_of(p, velocity, damping_max) * velocity
+        port.made_J = stored_J - port.stored_J - change_J - surface_J
+    leaving = turn(port, stored_J, stepped_J)
+    force = paid(port, force, stored_J, stepped_J, leaving, bounded)
+    if port.damps > 0.0:
+        force += damping_of(port, velocity, damping_max) * velocity
     for at in range(len(forces) - 1):
         forces[at] = forces[at + 1]
     forces[-1] = force

@@ -83,39 +83,39 @@ def extremes(window: Window) -> tuple[float, float]:
 
 
 @kernel
-def is_off(w: WatchFields, least: float, most: float, force: float) -> bool:
+def is_off(watch: WatchFields, least: float, most: float, force: float) -> bool:
     """Return whether the motor's force has differed from the command for too long."""
-    if w.has_force == 0:
+    if watch.has_force == 0:
         return False
-    slack = FORCE_SHARE * w.force_max
+    slack = FORCE_SHARE * watch.force_max
     off = not least - slack <= force <= most + slack
-    w.off_s = w.off_s + w.period_s if off else 0.0
-    return w.off_s >= FORCE_OFF_S
+    watch.off_s = watch.off_s + watch.period_s if off else 0.0
+    return watch.off_s >= FORCE_OFF_S
 
 
 @kernel
-def is_elsewhere(w: WatchFields, position: float, drive: float) -> bool:
+def is_elsewhere(watch: WatchFields, position: float, drive: float) -> bool:
     """Return whether the drive has moved another way than the encoder since it has power."""
-    if w.has_position == 0:
+    if watch.has_position == 0:
         return False
-    w.powered_s += w.period_s
-    if w.powered_s <= ALIGN_S:
-        w.apart = position - drive
-    return not abs(position - drive - w.apart) <= w.apart_max
+    watch.powered_s += watch.period_s
+    if watch.powered_s <= ALIGN_S:
+        watch.apart = position - drive
+    return not abs(position - drive - watch.apart) <= watch.apart_max
 
 
 @kernel
-def judge_motion(w: WatchFields, position: float, velocity: float) -> int:
+def judge_motion(watch: WatchFields, position: float, velocity: float) -> int:
     """Return the fault of a device that is too fast or has left its travel."""
-    if not abs(velocity) <= OVERSPEED_RATIO * w.velocity_max:
+    if not abs(velocity) <= OVERSPEED_RATIO * watch.velocity_max:
         return _OVERSPEED
-    inside = w.position_min <= position <= w.position_max
+    inside = watch.position_min <= position <= watch.position_max
     return _NO_FAULT if inside else _END_OF_TRAVEL
 
 
 @kernel
 def judge_enabled(
-    w: WatchFields,
+    watch: WatchFields,
     window: Window,
     closed: bool,
     position: float,
@@ -124,16 +124,16 @@ def judge_enabled(
     drive_force: float,
 ) -> int:
     """Return the fault of a device under power."""
-    w.enabled = 1
-    if w.stale_s >= STALE_S - 0.5 * w.period_s:
+    watch.enabled = 1
+    if watch.stale_s >= STALE_S - 0.5 * watch.period_s:
         return _STALE
     least, most = extremes(window)
-    if w.has_switch > 0 and not closed and (least < 0.0 or most > 0.0):
+    if watch.has_switch > 0 and not closed and (least < 0.0 or most > 0.0):
         return _RELEASED
-    if is_off(w, least, most, drive_force):
+    if is_off(watch, least, most, drive_force):
         return _FORCE_OFF
-    found = judge_motion(w, position, velocity)
-    if is_elsewhere(w, position, drive_position) and found == _NO_FAULT:
+    found = judge_motion(watch, position, velocity)
+    if is_elsewhere(watch, position, drive_position) and found == _NO_FAULT:
         return _POSITION_OFF
     return found
 
@@ -152,24 +152,24 @@ def judge(
     drive_force: float,
 ) -> int:
     """Return the fault in a cycle's sample; a quantity that is missing is not a number."""
-    w: Any = stored[0]
-    w.stale_s = 0.0 if valid else w.stale_s + w.period_s
+    watch: Any = stored[0]
+    watch.stale_s = 0.0 if valid else watch.stale_s + watch.period_s
     if failed:
         return _DEVICE
     if enabled:
-        return judge_enabled(w, window, closed, position, velocity, drive_position, drive_force)
-    w.waiting_s += w.period_s
-    missing = w.enabled > 0 or w.waiting_s > ENABLING_S
+        return judge_enabled(watch, window, closed, position, velocity, drive_position, drive_force)
+    watch.waiting_s += watch.period_s
+    missing = watch.enabled > 0 or watch.waiting_s > ENABLING_S
     return _NOT_ENABLED if missing else _NO_FAULT
 
 
 @kernel
 def note_command(stored: StoredWatch, window: Window, force: float) -> None:
     """Note the force that was asked for; without power, none."""
-    w: Any = stored[0]
-    asked = force if w.enabled > 0 and math.isfinite(force) else 0.0
-    window[w.place] = max(-w.force_max, min(w.force_max, asked))
-    w.place = (w.place + 1) % len(window)
+    watch: Any = stored[0]
+    asked = force if watch.enabled > 0 and math.isfinite(force) else 0.0
+    window[watch.place] = max(-watch.force_max, min(watch.force_max, asked))
+    watch.place = (watch.place + 1) % len(window)
 
 
 class HandleWatch:

@@ -9,12 +9,12 @@ from teleop_rt.slave.record import Tick, TickRecord
 
 
 @kernel
-def caught_up(t: Tick, target: float, velocity: float, command: float) -> float:
+def caught_up(tick: Tick, target: float, velocity: float, command: float) -> float:
     """Return the target on the way from the last command, at the master's `velocity` or so."""
     gap = target - command
-    reach = (t.catch_up_speed + abs(velocity)) * t.period_s
-    if t.behind == 0 or abs(gap) <= reach:
-        t.behind = 0
+    reach = (tick.catch_up_speed + abs(velocity)) * tick.period_s
+    if tick.behind == 0 or abs(gap) <= reach:
+        tick.behind = 0
         return target
     return command + math.copysign(reach, gap)
 

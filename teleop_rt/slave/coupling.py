@@ -15,33 +15,33 @@ _MODES: dict[Mode, int] = {
 }
 
 
-def set_coupling(t: Tick, mode: Mode, config: CouplingConfig) -> None:
+def set_coupling(tick: Tick, mode: Mode, config: CouplingConfig) -> None:
     """Write the settings of a mode's end at the slave into the record of a tick."""
-    t.mode = _MODES[mode]
-    t.coupling_force_gain, t.drift_speed = config.force_gain, config.drift_speed
-    t.reserve_J, t.reserve_W = config.reserve_mJ * 1e-3, config.reserve_mW * 1e-3
-    t.tool_mass, t.tool_damping = config.slave_mass, config.slave_damping
-    t.tool_stiffness, t.tool_gain = config.stiffness, 1 + config.local_gain
+    tick.mode = _MODES[mode]
+    tick.coupling_force_gain, tick.drift_speed = config.force_gain, config.drift_speed
+    tick.reserve_J, tick.reserve_W = config.reserve_mJ * 1e-3, config.reserve_mW * 1e-3
+    tick.tool_mass, tick.tool_damping = config.slave_mass, config.slave_damping
+    tick.tool_stiffness, tick.tool_gain = config.stiffness, 1 + config.local_gain
 
 
 @kernel
-def couple(t: Tick) -> None:
+def couple(tick: Tick) -> None:
     """Begin to follow from a position at rest, without a jump; energy counts from here on."""
-    t.spent_J = -t.reserve_J
-    t.known_before_J = t.lead_energy_J
-    t.heard = t.lead
-    t.coupled_position = t.position
-    t.deviation = 0.0
+    tick.spent_J = -tick.reserve_J
+    tick.known_before_J = tick.lead_energy_J
+    tick.heard = tick.lead
+    tick.coupled_position = tick.position
+    tick.deviation = 0.0
 
 
 @kernel
-def coupled(t: Tick) -> float:
+def coupled(tick: Tick) -> float:
     """Return the position to follow; with direct following that is the master's."""
-    if t.mode == PASSIVE:
-        return passive(t)
-    if t.mode == TOOL:
-        return by_tool(t)
-    return t.lead
+    if tick.mode == PASSIVE:
+        return passive(tick)
+    if tick.mode == TOOL:
+        return by_tool(tick)
+    return tick.lead
 
 
 @kernel
@@ -53,7 +53,7 @@ def affordable(step: float, force: float, available_J: float) -> float:
 
 
 @kernel
-def passive(t: Tick) -> float:
+def passive(tick: Tick) -> float:
     """Return the position that the energy received pays for.
 
     The slave's end of the two-port with delay (Ryu, Artigas and Preusche 2010). The motion of the
@@ -65,25 +65,25 @@ def passive(t: Tick) -> float:
     together would be credited with energy that no environment gave. A commanded motion that has
     not happened yet is owed as well. `energy_J` is the environment's input so far.
     """
-    moved = t.lead - t.heard
-    t.heard = t.lead
-    force = t.force * t.coupling_force_gain
-    work_J = force * (t.position - t.coupled_position)
-    t.coupled_position = t.position
-    t.spent_J += max(0.0, work_J) - t.reserve_W * t.period_s
-    t.energy_J += max(0.0, -work_J)
-    owed_J = max(0.0, force * (t.command - t.position))
-    available_J = t.lead_energy_J - t.known_before_J - t.spent_J - owed_J
+    moved = tick.lead - tick.heard
+    tick.heard = tick.lead
+    force = tick.force * tick.coupling_force_gain
+    work_J = force * (tick.position - tick.coupled_position)
+    tick.coupled_position = tick.position
+    tick.spent_J += max(0.0, work_J) - tick.reserve_W * tick.period_s
+    tick.energy_J += max(0.0, -work_J)
+    owed_J = max(0.0, force * (tick.command - tick.position))
+    available_J = tick.lead_energy_J - tick.known_before_J - tick.spent_J - owed_J
     step = affordable(moved, force, available_J)
     available_J -= max(0.0, force * step)
-    drift = t.lead - (t.command + step)
-    reach = t.drift_speed * t.period_s
+    drift = tick.lead - (tick.command + step)
+    reach = tick.drift_speed * tick.period_s
     step += affordable(min(max(drift, -reach), reach), force, available_J)
-    return t.command + step
+    return tick.command + step
 
 
 @kernel
-def by_tool(t: Tick) -> float:
+def by_tool(tick: Tick) -> float:
     """Return the virtual mass's next position.
 
     The slave of Lawrence's transparency-optimised four channels (1993), as an admittance. A virtual
@@ -92,10 +92,10 @@ def by_tool(t: Tick) -> float:
     M u' = K (x_m - x_s) - B u + (1 + C5)(f_hand - g f_env), with the share g of the force that the
     hand is to feel: else the tool would yield to the rest of it.
     """
-    moved = t.lead - t.heard
-    t.heard = t.lead
-    push = t.tool_stiffness * (t.lead - t.command)
-    push += t.tool_gain * (t.lead_force - t.coupling_force_gain * t.force)
-    t.deviation += push / t.tool_mass * t.period_s
-    t.deviation /= 1 + t.tool_damping / t.tool_mass * t.period_s
-    return t.command + moved + t.deviation * t.period_s
+    moved = tick.lead - tick.heard
+    tick.heard = tick.lead
+    push = tick.tool_stiffness * (tick.lead - tick.command)
+    push += tick.tool_gain * (tick.lead_force - tick.coupling_force_gain * tick.force)
+    tick.deviation += push / tick.tool_mass * tick.period_s
+    tick.deviation /= 1 + tick.tool_damping / tick.tool_mass * tick.period_s
+    return tick.command + moved + tick.deviation * tick.period_s

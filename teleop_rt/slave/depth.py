@@ -14,32 +14,32 @@ LEAST_EXPONENT = 0.1
 
 
 @kernel
-def model_depth(t: Tick, force: float, velocity: float) -> float:
+def model_depth(tick: Tick, force: float, velocity: float) -> float:
     """Return the depth at which the model in use reaches `force`; infinite while unknown.
 
     The damping force at this velocity, when it goes deeper, is subtracted from the spring's. An
     effect beside the model counts with its largest slope up to the depth of the model alone.
     """
-    if t.model == NO_MODEL or t.model_k <= 0.0 or t.model_n < LEAST_EXPONENT:
+    if tick.model == NO_MODEL or tick.model_k <= 0.0 or tick.model_n < LEAST_EXPONENT:
         return math.inf
-    stiffness = t.model_k + t.model_added
-    damping = max(0.0, t.model_b) * max(0.0, velocity)
-    if t.model == HUNT_CROSSLEY:
+    stiffness = tick.model_k + tick.model_added
+    damping = max(0.0, tick.model_b) * max(0.0, velocity)
+    if tick.model == HUNT_CROSSLEY:
         stiffness += damping
     else:
         force -= damping
-    return float((max(0.0, force) / stiffness) ** (1.0 / t.model_n))
+    return float((max(0.0, force) / stiffness) ** (1.0 / tick.model_n))
 
 
 @kernel
-def depth_cap(t: Tick) -> float:
+def depth_cap(tick: Tick) -> float:
     """Return the depth at which the force cap is reached, by the model and by the measured force.
 
     In contact the model only says how much further the measured force leaves room: so an error
     of the surface, or of the stiffness so far, is none of the cap.
     """
-    deepest = model_depth(t, DEPTH_SHARE * t.force_cap, t.velocity)
-    if t.in_contact > 0 and math.isfinite(deepest):
-        room = deepest - model_depth(t, t.force, t.velocity)
-        deepest = min(deepest, t.position - t.surface + room)
+    deepest = model_depth(tick, DEPTH_SHARE * tick.force_cap, tick.velocity)
+    if tick.in_contact > 0 and math.isfinite(deepest):
+        room = deepest - model_depth(tick, tick.force, tick.velocity)
+        deepest = min(deepest, tick.position - tick.surface + room)
     return deepest

@@ -63,86 +63,86 @@ RISE_SHARE = 0.02
 
 
 @kernel
-def forget_walls(t: Tick) -> None:
+def forget_walls(tick: Tick) -> None:
     """Forget every wall."""
-    t.wall_stiffness = t.wall_force = t.pressed = t.pressed_force = 0.0
-    t.known_surface = t.hold_at = t.slope_from = math.nan
-    t.nearer = math.inf
-    t.met_contact = t.waiting_for = t.slope_place = 0
-    t.secant = t.slope = t.slope_from_force = 0.0
-    t.slope_kept = 1.0
+    tick.wall_stiffness = tick.wall_force = tick.pressed = tick.pressed_force = 0.0
+    tick.known_surface = tick.hold_at = tick.slope_from = math.nan
+    tick.nearer = math.inf
+    tick.met_contact = tick.waiting_for = tick.slope_place = 0
+    tick.secant = tick.slope = tick.slope_from_force = 0.0
+    tick.slope_kept = 1.0
 
 
 @kernel
-def force_ahead(t: Tick, position: float, force: float) -> float:
+def force_ahead(tick: Tick, position: float, force: float) -> float:
     """Take in a sample; return the force that is there once a command has turned the tool.
 
     `slope` is how steep the wall is where the tool is. It has faded by `slope_kept` once there is
     another to compare it with.
     """
-    if math.isnan(t.slope_from):
-        t.slope_from, t.slope_from_force = position, force
-        for i in range(t.slope_count):
-            t.forces[i] = force
-    before = t.forces[t.slope_place]
-    t.forces[t.slope_place] = force
-    t.slope_place = (t.slope_place + 1) % t.slope_count
-    t.slope_kept *= t.fading
-    moved = position - t.slope_from
-    if abs(moved) >= t.slope_step:
-        t.slope = max(t.slope * t.slope_kept, (force - t.slope_from_force) / moved)
-        t.slope_kept = 1.0
-        t.slope_from, t.slope_from_force = position, force
-    return float(force + max(0.0, force - before - t.slope_noticed))
+    if math.isnan(tick.slope_from):
+        tick.slope_from, tick.slope_from_force = position, force
+        for i in range(tick.slope_count):
+            tick.forces[i] = force
+    before = tick.forces[tick.slope_place]
+    tick.forces[tick.slope_place] = force
+    tick.slope_place = (tick.slope_place + 1) % tick.slope_count
+    tick.slope_kept *= tick.fading
+    moved = position - tick.slope_from
+    if abs(moved) >= tick.slope_step:
+        tick.slope = max(tick.slope * tick.slope_kept, (force - tick.slope_from_force) / moved)
+        tick.slope_kept = 1.0
+        tick.slope_from, tick.slope_from_force = position, force
+    return float(force + max(0.0, force - before - tick.slope_noticed))
 
 
 @kernel
-def depth_by_secant(t: Tick, depth: float, force: float) -> float:
+def depth_by_secant(tick: Tick, depth: float, force: float) -> float:
     """Return the depth of DEPTH_SHARE of the cap by measurement; infinite while unknown."""
-    t.secant *= t.fading
-    if touches(depth) and force > PROBING_SHARE * t.force_cap:
-        t.secant = max(t.secant, force / depth)
-    if t.secant > 0.0:
-        return DEPTH_SHARE * t.force_cap / t.secant
+    tick.secant *= tick.fading
+    if touches(depth) and force > PROBING_SHARE * tick.force_cap:
+        tick.secant = max(tick.secant, force / depth)
+    if tick.secant > 0.0:
+        return DEPTH_SHARE * tick.force_cap / tick.secant
     return math.inf
 
 
 @kernel
-def remember_wall(t: Tick, position: float, depth: float, force: float) -> None:
+def remember_wall(tick: Tick, position: float, depth: float, force: float) -> None:
     """Keep how deep it was pressed, and the secant where the last contact pressed hardest.
 
     `nearer` is where it was pressed before its surface: it has come nearer, by more than is known.
     """
-    if depth > t.pressed:
-        t.pressed, t.pressed_force = depth, force
-    if not touches(depth) and force > PROBING_SHARE * t.force_cap:
-        t.nearer = min(t.nearer, position)
-    elif position > t.nearer and force < t.slope_noticed:
-        t.nearer = math.inf
-    if touches(depth) and force > max(PROBING_SHARE * t.force_cap, t.wall_force):
-        t.wall_force, t.wall_stiffness = force, force / depth
+    if depth > tick.pressed:
+        tick.pressed, tick.pressed_force = depth, force
+    if not touches(depth) and force > PROBING_SHARE * tick.force_cap:
+        tick.nearer = min(tick.nearer, position)
+    elif position > tick.nearer and force < tick.slope_noticed:
+        tick.nearer = math.inf
+    if touches(depth) and force > max(PROBING_SHARE * tick.force_cap, tick.wall_force):
+        tick.wall_force, tick.wall_stiffness = force, force / depth
 
 
 @kernel
-def meet(t: Tick, contact_id: int, acknowledged: int, command: float, surface: float) -> None:
+def meet(tick: Tick, contact_id: int, acknowledged: int, command: float, surface: float) -> None:
     """Take in a contact that is new; an unexpected one is waited for."""
-    known = t.known_surface
-    t.met_contact = contact_id
-    t.known_surface = surface
-    t.wall_force, t.nearer = 0.0, math.inf
-    if abs(surface - known) > t.tolerance:
-        t.wall_stiffness = t.pressed = t.pressed_force = 0.0
-    t.secant = max(t.secant, t.wall_stiffness)
+    known = tick.known_surface
+    tick.met_contact = contact_id
+    tick.known_surface = surface
+    tick.wall_force, tick.nearer = 0.0, math.inf
+    if abs(surface - known) > tick.tolerance:
+        tick.wall_stiffness = tick.pressed = tick.pressed_force = 0.0
+    tick.secant = max(tick.secant, tick.wall_stiffness)
     if acknowledged >= contact_id:
         return
-    if math.isnan(known) or abs(surface - known) > t.tolerance:
-        t.waiting_for = contact_id
-        t.hold_at = command
+    if math.isnan(known) or abs(surface - known) > tick.tolerance:
+        tick.waiting_for = contact_id
+        tick.hold_at = command
 
 
 @kernel
 def guarded(
-    t: Tick,
+    tick: Tick,
     target: float,
     command: float,
     position: float,
@@ -154,42 +154,43 @@ def guarded(
     probing: bool,
 ) -> float:
     """Return the target that the axis may follow in this cycle: see `ContactGuard.update`."""
-    if contact_id > t.met_contact:
-        meet(t, contact_id, acknowledged, command, surface)
-    if acknowledged >= t.waiting_for:
-        t.waiting_for = 0
-    if t.waiting_for > 0:
-        target = min(target, t.hold_at)
+    if contact_id > tick.met_contact:
+        meet(tick, contact_id, acknowledged, command, surface)
+    if acknowledged >= tick.waiting_for:
+        tick.waiting_for = 0
+    if tick.waiting_for > 0:
+        target = min(target, tick.hold_at)
     if math.isfinite(surface):
-        remember_wall(t, position, position - surface, force)
-        depth_cap = min(depth_cap, depth_by_secant(t, position - surface, force))
+        remember_wall(tick, position, position - surface, force)
+        depth_cap = min(depth_cap, depth_by_secant(tick, position - surface, force))
         target = min(target, surface + depth_cap)
-    ahead = force_ahead(t, position, force)
-    steep, presses = t.slope, ahead > PROBING_SHARE * t.force_cap
+    ahead = force_ahead(tick, position, force)
+    steep, presses = tick.slope, ahead > PROBING_SHARE * tick.force_cap
     if presses:
-        steep = max(steep, t.secant)
-        if position <= surface and math.isfinite(t.stiffest):
-            steep = max(steep, t.stiffest)
+        steep = max(steep, tick.secant)
+        # False for an unknown surface (NaN), for which `not touches(...)` would be true.
+        if position <= surface and math.isfinite(tick.stiffest):
+            steep = max(steep, tick.stiffest)
     if steep > 0.0 and (presses or touches(position - surface)):
-        room = (DEPTH_SHARE * t.force_cap - ahead) / (AHEAD * steep)
+        room = (DEPTH_SHARE * tick.force_cap - ahead) / (AHEAD * steep)
         left = room - max(0.0, command - position)
         if left > 0.0:
-            left = stopping_speed(left, TURN_S, t.acceleration) * t.period_s
+            left = stopping_speed(left, TURN_S, tick.acceleration) * tick.period_s
         target = min(target, command + left)
-    if probing and force > PROBING_SHARE * t.force_cap:
+    if probing and force > PROBING_SHARE * tick.force_cap:
         target = min(target, command)
-    if force > t.force_cap:
-        target = min(target, min(command, position) - t.retreat_step)
-        t.hold_at = min(t.hold_at, target)
+    if force > tick.force_cap:
+        target = min(target, min(command, position) - tick.retreat_step)
+        tick.hold_at = min(tick.hold_at, target)
     return target
 
 
 @kernel
-def retreated(t: Tick, command: float, surface: float) -> float:
+def retreated(tick: Tick, command: float, surface: float) -> float:
     """Return a target on the way back to the surface, for when the master is silent."""
     if not math.isfinite(surface) or command <= surface:
         return command
-    return max(surface, command - t.retreat_step)
+    return max(surface, command - tick.retreat_step)
 
 
 class ContactGuard:

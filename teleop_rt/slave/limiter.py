@@ -13,67 +13,67 @@ _SAME_POSITION = 1e-12
 
 
 @kernel
-def inside(t: Tick, position: float) -> float:
+def inside(tick: Tick, position: float) -> float:
     """Return the nearest position within the range."""
-    return min(max(position, t.position_min), t.position_max)
+    return min(max(position, tick.position_min), tick.position_max)
 
 
 @kernel
-def brakeable(t: Tick, distance: float) -> float:
+def brakeable(tick: Tick, distance: float) -> float:
     """Return the largest velocity v with v + (v - s) + (v - 2s) + ... <= distance / period.
 
     s is the velocity that one cycle of acceleration_max takes away; n whole steps follow.
     """
-    step = t.velocity_step
-    total = distance / t.period_s
+    step = tick.velocity_step
+    total = distance / tick.period_s
     n = math.floor((math.sqrt(1 + 8 * total / step) - 1) / 2)
     return (total + step * n * (n + 1) / 2) / (n + 1)
 
 
 @kernel
-def towards(t: Tick, target: float) -> float:
+def towards(tick: Tick, target: float) -> float:
     """Return the velocity that is wanted for `target`."""
-    distance = target - t.command
-    wanted = distance / t.period_s
-    if abs(wanted - t.command_velocity) <= t.velocity_step:
+    distance = target - tick.command
+    wanted = distance / tick.period_s
+    if abs(wanted - tick.command_velocity) <= tick.velocity_step:
         return wanted
-    return math.copysign(min(abs(wanted), brakeable(t, abs(distance))), wanted)
+    return math.copysign(min(abs(wanted), brakeable(tick, abs(distance))), wanted)
 
 
 @kernel
-def reachable(t: Tick, velocity: float) -> float:
+def reachable(tick: Tick, velocity: float) -> float:
     """Return the nearest velocity within reach, pace, limit and the room left for braking."""
-    before, step = t.command_velocity, t.velocity_step
-    velocity = min(velocity, t.pace)
+    before, step = tick.command_velocity, tick.velocity_step
+    velocity = min(velocity, tick.pace)
     velocity = min(max(velocity, before - step), before + step)
-    velocity = min(max(velocity, -t.velocity_max), t.velocity_max)
-    highest = brakeable(t, t.position_max - t.command)
-    lowest = -brakeable(t, t.command - t.position_min)
+    velocity = min(max(velocity, -tick.velocity_max), tick.velocity_max)
+    highest = brakeable(tick, tick.position_max - tick.command)
+    lowest = -brakeable(tick, tick.command - tick.position_min)
     return min(max(velocity, lowest), highest)
 
 
 @kernel
-def stand_at(t: Tick, position: float) -> None:
+def stand_at(tick: Tick, position: float) -> None:
     """Start from a position at rest; a position outside the range is brought inside."""
-    t.command = inside(t, position)
-    t.command_velocity = 0.0
+    tick.command = inside(tick, position)
+    tick.command_velocity = 0.0
 
 
 @kernel
-def limit(t: Tick, target: float) -> float:
+def limit(tick: Tick, target: float) -> float:
     """Return the command of this cycle on the way to `target`; counts its changes.
 
     A target that is no number is not followed: the axis brakes to rest.
     """
-    goal = inside(t, target) if math.isfinite(target) else t.command
-    velocity = reachable(t, towards(t, goal))
-    position = inside(t, t.command + velocity * t.period_s)
+    goal = inside(tick, target) if math.isfinite(target) else tick.command
+    velocity = reachable(tick, towards(tick, goal))
+    position = inside(tick, tick.command + velocity * tick.period_s)
     if abs(position - goal) < _SAME_POSITION:
         position = goal
-    t.command_velocity = velocity
-    t.command = position
+    tick.command_velocity = velocity
+    tick.command = position
     if position != target:
-        t.limited += 1
+        tick.limited += 1
     return position
 
 

@@ -61,24 +61,24 @@ def met_within_cap(rig: RigConfig, force_cap: float, speed: float) -> float:
 
 
 @kernel
-def pace(t: Tick, deepest: float) -> float:
+def pace(tick: Tick, deepest: float) -> float:
     """Return the speed at which the tool can meet any body that may be there.
 
     `deepest` is the depth of the cap by the model, infinite while there is none.
     """
-    slowest = t.unknown_speed
+    slowest = tick.unknown_speed
     if math.isinf(slowest):
         return math.inf
-    nearest = t.verified_free
-    if t.surface_known > 0 and nearest >= t.surface - t.tolerance:
-        nearest = t.surface
-        if math.isfinite(deepest) or t.wall_stiffness > 0.0:
-            nearest += t.pressed
-            left = DEPTH_SHARE * t.force_cap - max(t.force, t.pressed_force)
-            room = max(left, CREEP_SHARE * t.force_cap) / t.stiffest
-            slowest = stopping_speed(room, t.late_s, t.acceleration)
-    if t.nearer < nearest:
-        nearest, slowest = t.nearer, t.unknown_speed
-    way, step = max(0.0, nearest - t.command), t.acceleration * t.period_s
-    square = step * step + slowest * slowest + 2.0 * t.acceleration * way
+    nearest = tick.verified_free
+    if tick.surface_known > 0 and nearest >= tick.surface - tick.tolerance:
+        nearest = tick.surface
+        if math.isfinite(deepest) or tick.wall_stiffness > 0.0:
+            nearest += tick.pressed
+            left = DEPTH_SHARE * tick.force_cap - max(tick.force, tick.pressed_force)
+            room = max(left, CREEP_SHARE * tick.force_cap) / tick.stiffest
+            slowest = stopping_speed(room, tick.late_s, tick.acceleration)
+    if tick.nearer < nearest:
+        nearest, slowest = tick.nearer, tick.unknown_speed
+    way, step = max(0.0, nearest - tick.command), tick.acceleration * tick.period_s
+    square = step * step + slowest * slowest + 2.0 * tick.acceleration * way
     return max(slowest, math.sqrt(square) - step)

@@ -34,9 +34,9 @@ def record_row(
 
     `row` (columns,) are the numbers of `rows` (1,); `sending` knows the model last sent.
     """
-    r: Any = rows[0]
-    r.model_sequence, r.trouble = sending[0].sequence, trouble
-    r.work_us, r.wake_latency_us = work_us, wake_us
+    named: Any = rows[0]
+    named.model_sequence, named.trouble = sending[0].sequence, trouble
+    named.work_us, named.wake_latency_us = work_us, wake_us
     put(header, words, row)
 
 

@@ -16,15 +16,15 @@ from teleop_rt.slave.tare import Tare
 
 
 @kernel
-def joins(t: Tick) -> bool:
+def joins(tick: Tick) -> bool:
     """Return whether a master's target can be followed.
 
     For a round trip after homing its targets count from the encoder's old zero: it is followed
     once it asks for no more than a step of homing.
     """
-    if t.homed > 0 and abs(t.lead - t.position) <= t.homing_step:
-        t.joined = 1
-    return t.joined > 0
+    if tick.homed > 0 and abs(tick.lead - tick.position) <= tick.homing_step:
+        tick.joined = 1
+    return tick.joined > 0
 
 
 class Reference:

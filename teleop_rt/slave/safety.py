@@ -42,73 +42,74 @@ def is_powered(state: int) -> bool:
 
 
 @kernel
-def stop(t: Tick, fault: int) -> None:
+def stop(tick: Tick, fault: int) -> None:
     """Stop for a reason; the first one is kept until a reset."""
-    if t.state not in (_SAFE_STOP, _FAULT):
-        t.state = _SAFE_STOP
-        t.fault = fault
-        t.stopping_ticks = 0
+    if tick.state not in (_SAFE_STOP, _FAULT):
+        tick.state = _SAFE_STOP
+        tick.fault = fault
+        tick.stopping_ticks = 0
 
 
 @kernel
-def latch(t: Tick) -> None:
+def latch(tick: Tick) -> None:
     """Leave SAFE_STOP for FAULT once the drive is off, or has not said so for a second."""
-    t.stopping_ticks += 1
-    if t.enabled == 0 or t.stopping_ticks >= t.rate_hz:
-        t.state = _FAULT
+    tick.stopping_ticks += 1
+    if tick.enabled == 0 or tick.stopping_ticks >= tick.rate_hz:
+        tick.state = _FAULT
 
 
 @kernel
-def reason_to_stop(t: Tick, late: int, lost: int) -> int:
+def reason_to_stop(tick: Tick, late: int, lost: int) -> int:
     """Return the fault of the first hazard that asks for a stop, 0 where none does.
 
     Lateness first: the devices' reports of our silence are its consequence.
     """
     if late == _LATE_STOP:
         return _LATE_TICKS
-    if t.axis_fault != 0:
-        return faults.FIRST_OF_AXIS - 1 + t.axis_fault
+    if tick.axis_fault != 0:
+        return faults.FIRST_OF_AXIS - 1 + tick.axis_fault
     if lost == _STOP:
         return _SAMPLES_LOST
-    if hazards.force_exceeded(t.force, t.force_max) == _STOP:
+    if hazards.force_exceeded(tick.force, tick.force_max) == _STOP:
         return _FORCE_LIMIT
-    if hazards.position_exceeded(t.position, t.position_min, t.position_max, t.homed > 0) == _STOP:
+    ends = tick.position_min, tick.position_max
+    if hazards.position_exceeded(tick.position, *ends, tick.homed > 0) == _STOP:
         return _POSITION_LIMIT
     return 0
 
 
 @kernel
-def check_hazards(t: Tick, late_record: Counts, on_hardware: Counts) -> None:
+def check_hazards(tick: Tick, late_record: Counts, on_hardware: Counts) -> None:
     """Stop for the first hazard, else follow or hold."""
-    lost = hazards.samples_lost(t.missing, t.hold_missing, t.stop_missing)
-    late = lateness.judge_lateness(late_record, t.late_ns)
+    lost = hazards.samples_lost(tick.missing, tick.hold_missing, tick.stop_missing)
+    late = lateness.judge_lateness(late_record, tick.late_ns)
     if on_hardware[lateness.STOPPED_AFTER] < 0:
-        lateness.judge_lateness(on_hardware, t.late_ns)
-    fault = reason_to_stop(t, late, lost)
+        lateness.judge_lateness(on_hardware, tick.late_ns)
+    fault = reason_to_stop(tick, late, lost)
     if fault != 0:
-        stop(t, fault)
+        stop(tick, fault)
         return
-    if t.state == _ARMED and not (t.enabled > 0 and t.homed > 0 and t.started > 0):
+    if tick.state == _ARMED and not (tick.enabled > 0 and tick.homed > 0 and tick.started > 0):
         return
-    before = t.state
-    in_time, motion = late == _IN_TIME, t.led > 0
-    t.state = _RUN if motion and lost == _NONE and in_time else _HOLD
-    t.held_by = _held_by(lost != _NONE, not in_time, motion)
-    if before != _RUN and t.state == _RUN:
-        t.followings += 1
-    if before == _RUN and t.state == _HOLD:
-        t.holds += 1
+    before = tick.state
+    in_time, motion = late == _IN_TIME, tick.led > 0
+    tick.state = _RUN if motion and lost == _NONE and in_time else _HOLD
+    tick.held_by = _held_by(lost != _NONE, not in_time, motion)
+    if before != _RUN and tick.state == _RUN:
+        tick.followings += 1
+    if before == _RUN and tick.state == _HOLD:
+        tick.holds += 1
 
 
 @kernel
-def check_safety(t: Tick, late_record: Counts, on_hardware: Counts) -> None:
+def check_safety(tick: Tick, late_record: Counts, on_hardware: Counts) -> None:
     """Advance the chain by one cycle: see `SafetyChain.check`."""
-    if t.state == _SELFTEST and t.valid > 0:
-        t.state = _DISARMED
-    if t.state == _SAFE_STOP:
-        latch(t)
-    if is_powered(t.state):
-        check_hazards(t, late_record, on_hardware)
+    if tick.state == _SELFTEST and tick.valid > 0:
+        tick.state = _DISARMED
+    if tick.state == _SAFE_STOP:
+        latch(tick)
+    if is_powered(tick.state):
+        check_hazards(tick, late_record, on_hardware)
 
 
 class SafetyChain:

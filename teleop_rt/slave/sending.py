@@ -87,24 +87,24 @@ def new_walls(room: int) -> Matrix:
 
 
 @kernel
-def note_seen(t: Tick, seen: Matrix, slot: int, position: float) -> None:
+def note_seen(tick: Tick, seen: Matrix, slot: int, position: float) -> None:
     """Keep position and velocity of a tick; in free air no wall is felt."""
-    seen[POSITION, slot] = position if t.in_contact > 0 else math.nan
-    seen[VELOCITY, slot] = t.velocity
+    seen[POSITION, slot] = position if tick.in_contact > 0 else math.nan
+    seen[VELOCITY, slot] = tick.velocity
 
 
 @kernel
-def move_sent_surface(s: Sending, sent: Vector, now_ns: int) -> None:
+def move_sent_surface(sending: Sending, sent: Vector, now_ns: int) -> None:
     """Move the surface of the wall last sent as the master does, to compare it."""
     if sent[SURFACE_VELOCITY] != 0.0:
-        sent[SURFACE] += sent[SURFACE_VELOCITY] * ((now_ns - s.surface_moved_ns) * 1e-9)
-    s.surface_moved_ns = now_ns
+        sent[SURFACE] += sent[SURFACE_VELOCITY] * ((now_ns - sending.surface_moved_ns) * 1e-9)
+    sending.surface_moved_ns = now_ns
 
 
 @kernel
 def look(
     stored: StoredTick,
-    sending: StoredSending,
+    stored_sending: StoredSending,
     walls: Matrix,
     seen: Matrix,
     position: float,
@@ -115,15 +115,15 @@ def look(
 
     walls (N_WALLS, numbers of a wall), seen (N_SEEN, WINDOW): see `is_felt`.
     """
-    t: Any = stored[0]
-    s: Any = sending[0]
-    note_seen(t, seen, s.slot, position)
-    move_sent_surface(s, walls[SENT], now_ns)
+    tick: Any = stored[0]
+    sending: Any = stored_sending[0]
+    note_seen(tick, seen, sending.slot, position)
+    move_sent_surface(sending, walls[SENT], now_ns)
     if not there:
         return False
-    if s.every_tick > 0 or now_ns - s.sent_ns >= s.keep_alive_ns:
+    if sending.every_tick > 0 or now_ns - sending.sent_ns >= sending.keep_alive_ns:
         return True
-    return is_felt(walls, seen, s.noise, s.noticeable_share)
+    return is_felt(walls, seen, sending.noise, sending.noticeable_share)
 
 
 @kernel
@@ -140,11 +140,11 @@ def replaces(walls: Matrix) -> bool:
 
 
 @kernel
-def write_body(t: Tick, wall: Vector, effects: Matrix, sequence: int, body: Any) -> None:
+def write_body(tick: Tick, wall: Vector, effects: Matrix, sequence: int, body: Any) -> None:
     """Write the body of a model's message; effects (MOST_EFFECTS, 1 + SHAPES): code, shape."""
     code = int(wall[MODEL])
-    body.model_sequence, body.contact_id = sequence, t.contact_id
-    body.model, body.surface_known = _LINK_CODES[code], t.surface_known
+    body.model_sequence, body.contact_id = sequence, tick.contact_id
+    body.model, body.surface_known = _LINK_CODES[code], tick.surface_known
     body.surface, body.k, body.b, body.n = wall[SURFACE], wall[K], wall[B], wall[N]
     body.m, body.offset, body.force_std = wall[M], wall[OFFSET], wall[FORCE_STD]
     body.time_s, body.surface_velocity = wall[TIME], wall[SURFACE_VELOCITY]
@@ -160,20 +160,20 @@ def write_body(t: Tick, wall: Vector, effects: Matrix, sequence: int, body: Any)
 @kernel
 def write_message(
     stored: StoredTick,
-    sending: StoredSending,
+    stored_sending: StoredSending,
     walls: Matrix,
     effects: Matrix,
     bodies: StoredModel,
     now_ns: int,
 ) -> None:
     """Write the new wall's message, and note that it is sent; the tick's depth follows it."""
-    t: Any = stored[0]
-    s: Any = sending[0]
+    tick: Any = stored[0]
+    sending: Any = stored_sending[0]
     new = walls[NEW]
     if replaces(walls):
-        s.sequence += 1
-    t.model = HUNT_CROSSLEY if new[MODEL] == _HUNT_CROSSLEY else LINEAR
-    t.model_k, t.model_b, t.model_n, t.model_added = new[K], new[B], new[N], 0.0
-    write_body(t, new, effects, s.sequence, bodies[0])
-    s.sent_ns = now_ns
-    s.models_sent += 1
+        sending.sequence += 1
+    tick.model = HUNT_CROSSLEY if new[MODEL] == _HUNT_CROSSLEY else LINEAR
+    tick.model_k, tick.model_b, tick.model_n, tick.model_added = new[K], new[B], new[N], 0.0
+    write_body(tick, new, effects, sending.sequence, bodies[0])
+    sending.sent_ns = now_ns
+    sending.models_sent += 1

@@ -44,143 +44,146 @@ _NOWHERE_FREE = -1e299
 
 
 @kernel
-def look_at_contact(t: Tick, bank: estimation.BankState) -> None:
+def look_at_contact(tick: Tick, bank: estimation.BankState) -> None:
     """Take over the contact as the estimators see it, in encoder coordinates."""
     seen = bank.detector
     known = seen[detection.SURFACE_KNOWN] > 0.0
-    t.in_contact, t.contact_id = seen[detection.IN_CONTACT] > 0.0, int(seen[detection.CONTACT_ID])
-    t.surface = seen[detection.SURFACE] - t.surface_shift if known else math.nan
-    t.surface_known = known
-    t.velocity = bank.q[estimation.VELOCITY]
-    free = seen[detection.VERIFIED_FREE] - t.surface_shift
+    tick.in_contact = seen[detection.IN_CONTACT] > 0.0
+    tick.contact_id = int(seen[detection.CONTACT_ID])
+    tick.surface = seen[detection.SURFACE] - tick.surface_shift if known else math.nan
+    tick.surface_known = known
+    tick.velocity = bank.q[estimation.VELOCITY]
+    free = seen[detection.VERIFIED_FREE] - tick.surface_shift
     started = seen[detection.STARTED] > 0.0 and free > _NOWHERE_FREE and math.isfinite(free)
-    t.verified_free = free if started else t.nothing_free
-    t.rig_force = bank.q[estimation.RIG_FORCE]
-    t.inadequate = bank.watch[watch.RAISED] > 0.0
+    tick.verified_free = free if started else tick.nothing_free
+    tick.rig_force = bank.q[estimation.RIG_FORCE]
+    tick.inadequate = bank.watch[watch.RAISED] > 0.0
 
 
 @kernel
-def hear(t: Tick, motion: Any) -> None:
+def hear(tick: Tick, motion: Any) -> None:
     """Take over the master's newest motion; its own number of a contact may be any."""
-    t.has_motion = motion.known
-    if t.has_motion == 0:
+    tick.has_motion = motion.known
+    if tick.has_motion == 0:
         return
-    t.lead, t.lead_velocity = motion.target, motion.velocity
-    t.lead_force, t.lead_energy_J = motion.force, motion.energy_J
-    t.acknowledged = min(motion.contact_id, _MOST)
-    t.engaged, t.provisional = motion.engaged, motion.provisional
+    tick.lead, tick.lead_velocity = motion.target, motion.velocity
+    tick.lead_force, tick.lead_energy_J = motion.force, motion.energy_J
+    tick.acknowledged = min(motion.contact_id, _MOST)
+    tick.engaged, tick.provisional = motion.engaged, motion.provisional
 
 
 @kernel
-def is_led(t: Tick) -> bool:
+def is_led(tick: Tick) -> bool:
     """Return whether there is a motion of the master, fresh enough to be followed."""
-    if t.has_motion == 0 or t.engaged == 0:
+    if tick.has_motion == 0 or tick.engaged == 0:
         return False
-    return t.silence_ns * 1e-6 < t.hold_after_ms and joins(t)
+    return tick.silence_ns * 1e-6 < tick.hold_after_ms and joins(tick)
 
 
 @kernel
-def supervise(t: Tick) -> None:
+def supervise(tick: Tick) -> None:
     """Stop where command, encoder, force sensor and drive do not agree under power."""
-    if t.supervised == 0 or not is_powered(t.state):
-        unpowered(t)
+    if tick.supervised == 0 or not is_powered(tick.state):
+        unpowered(tick)
         return
-    fault = disagreement(t, t.position - t.shift, t.written, t.state in (_RUN, _HOLD))
+    moves = tick.state in (_RUN, _HOLD)
+    fault = disagreement(tick, tick.position - tick.shift, tick.written, moves)
     if fault != 0:
-        stop(t, fault)
+        stop(tick, fault)
 
 
 @kernel
-def followed(t: Tick) -> float:
+def followed(tick: Tick) -> float:
     """Return where the master leads, as far as the guard lets it.
 
     Without a model the guard only draws back above the force cap: to wait for the wall that
     the master renders, or to know its depth, takes one.
     """
-    if t.mode == coupling.MODEL:
-        if t.following == 0 or t.waiting_for > 0:
-            t.behind = 1
-        target, deepest = caught_up(t, t.lead, t.lead_velocity, t.command), depth_cap(t)
-        t.pace = pace(t, deepest)
-        acknowledged, probing = t.acknowledged, t.provisional > 0 or math.isinf(deepest)
+    if tick.mode == coupling.MODEL:
+        if tick.following == 0 or tick.waiting_for > 0:
+            tick.behind = 1
+        target = caught_up(tick, tick.lead, tick.lead_velocity, tick.command)
+        deepest = depth_cap(tick)
+        tick.pace = pace(tick, deepest)
+        acknowledged, probing = tick.acknowledged, tick.provisional > 0 or math.isinf(deepest)
     else:
-        if t.following == 0:
-            coupling.couple(t)
-        target, deepest = coupling.coupled(t), math.inf
-        acknowledged, probing = t.contact_id, False
+        if tick.following == 0:
+            coupling.couple(tick)
+        target, deepest = coupling.coupled(tick), math.inf
+        acknowledged, probing = tick.contact_id, False
     return guarded(
-        t,
+        tick,
         target,
-        t.command,
-        t.position,
-        t.force,
-        t.contact_id,
+        tick.command,
+        tick.position,
+        tick.force,
+        tick.contact_id,
         acknowledged,
-        t.surface,
+        tick.surface,
         deepest,
         probing,
     )
 
 
 @kernel
-def aim(t: Tick) -> None:
+def aim(tick: Tick) -> None:
     """Set the target: where the master leads, back to the surface, or where the axis stands."""
-    t.pace = math.inf
-    if t.state == _RUN:
-        t.target = followed(t)
-    elif t.state == _HOLD and t.silence_ns * 1e-6 > t.retreat_after_ms:
-        t.target = retreated(t, t.command, t.surface)
+    tick.pace = math.inf
+    if tick.state == _RUN:
+        tick.target = followed(tick)
+    elif tick.state == _HOLD and tick.silence_ns * 1e-6 > tick.retreat_after_ms:
+        tick.target = retreated(tick, tick.command, tick.surface)
     else:
-        t.target = t.command
-    t.following = t.state == _RUN
+        tick.target = tick.command
+    tick.following = tick.state == _RUN
 
 
 @kernel
-def act(t: Tick) -> int:
+def act(tick: Tick) -> int:
     """Set the command; return the action to take with it."""
-    if not is_powered(t.state):
-        stand_at(t, t.position)
+    if not is_powered(tick.state):
+        stand_at(tick, tick.position)
         return STOP_DRIVE
-    if t.state == _ARMED and not (t.enabled > 0 and t.homed > 0):
+    if tick.state == _ARMED and not (tick.enabled > 0 and tick.homed > 0):
         return STAND
-    t.written = limit(t, t.target) - t.shift
+    tick.written = limit(tick, tick.target) - tick.shift
     return FOLLOW
 
 
 @kernel
-def write_state(t: Tick, body: Any) -> None:
+def write_state(tick: Tick, body: Any) -> None:
     """Write the body of the state that the master gets, without the force that the rig adds."""
-    body.position, body.force = t.position, t.force - t.rig_force
-    body.verified_free, body.velocity = t.verified_free, t.velocity
-    body.energy_J, body.contact_id = t.energy_J, t.contact_id
-    body.in_contact, body.following = t.in_contact > 0, t.following > 0
-    body.safety_state, body.fault, body.inadequate = t.state, t.fault, t.inadequate > 0
+    body.position, body.force = tick.position, tick.force - tick.rig_force
+    body.verified_free, body.velocity = tick.verified_free, tick.velocity
+    body.energy_J, body.contact_id = tick.energy_J, tick.contact_id
+    body.in_contact, body.following = tick.in_contact > 0, tick.following > 0
+    body.safety_state, body.fault, body.inadequate = tick.state, tick.fault, tick.inadequate > 0
 
 
 @kernel
-def write_row(t: Tick, bank: estimation.BankState, link: Counts, row: Any) -> None:
+def write_row(tick: Tick, bank: estimation.BankState, link: Counts, row: Any) -> None:
     """Write the step's results into the recorded row; `link` are the words of its statistics."""
-    row.tick, row.stamp_ns, row.sample_stamp_ns = t.tick, t.now_ns, t.sample_stamp_ns
-    row.valid = t.usable
+    row.tick, row.stamp_ns, row.sample_stamp_ns = tick.tick, tick.now_ns, tick.sample_stamp_ns
+    row.valid = tick.usable
     row.packets_received, row.packets_lost = link[counted.RECEIVED], link[counted.LOST]
     row.packets_rejected = link[counted.REFUSED]
     chosen = int(bank.choice[selection.SELECTED])
-    row.position_age_ms = (t.now_ns - t.position_stamp_ns) * 1e-6
-    row.force_age_ms = (t.now_ns - t.force_stamp_ns) * 1e-6
-    row.position, row.force = t.position, t.force
-    row.inadequate, row.rig_force = t.inadequate, t.rig_force
-    row.filtered_force, row.velocity = bank.motion[estimation.MF], t.velocity
-    row.in_contact, row.contact_id, row.surface = t.in_contact, t.contact_id, t.surface
+    row.position_age_ms = (tick.now_ns - tick.position_stamp_ns) * 1e-6
+    row.force_age_ms = (tick.now_ns - tick.force_stamp_ns) * 1e-6
+    row.position, row.force = tick.position, tick.force
+    row.inadequate, row.rig_force = tick.inadequate, tick.rig_force
+    row.filtered_force, row.velocity = bank.motion[estimation.MF], tick.velocity
+    row.in_contact, row.contact_id, row.surface = tick.in_contact, tick.contact_id, tick.surface
     row.selected = chosen if chosen >= 0 else math.nan
-    predicted = chosen >= 0 and t.in_contact > 0
+    predicted = chosen >= 0 and tick.in_contact > 0
     row.predicted_force = bank.records[chosen, selection.PREDICTED] if predicted else math.nan
-    row.target, row.command = t.target, t.command
-    row.state, row.missing = t.state, t.missing
-    row.fault = t.fault
-    if t.fault == 0 and t.axis_fault > 0:
-        row.fault = faults.FIRST_OF_AXIS - 1 + t.axis_fault
-    row.silence_ms = t.silence_ns * 1e-6
-    row.followings, row.holds, row.held_by = t.followings, t.holds, t.held_by
+    row.target, row.command = tick.target, tick.command
+    row.state, row.missing = tick.state, tick.missing
+    row.fault = tick.fault
+    if tick.fault == 0 and tick.axis_fault > 0:
+        row.fault = faults.FIRST_OF_AXIS - 1 + tick.axis_fault
+    row.silence_ms = tick.silence_ns * 1e-6
+    row.followings, row.holds, row.held_by = tick.followings, tick.holds, tick.held_by
 
 
 @kernel
@@ -202,25 +205,25 @@ def decide(
     `link` are the words of an end's statistics, and `end` its own.
     With ZEROS, `Reference.update` is to be called and the step to be resumed at LEAD.
     """
-    t: Any = stored[0]
+    tick: Any = stored[0]
     if stage == CHECK:
-        t.late_ns = late_ns(t.skipped, t.wake_latency_ns, late[PERIOD_NS])
-        take_in(t, samples[0])
-        look_at_contact(t, estimators[0])
-        t.silence_ns = intake.silence_of(end, t.now_ns)
-        hear(t, motion[0])
-        t.led = is_led(t)
-        if t.late_ns >= t.runs_out_ns:
-            t.command_velocity = 0.0
-        check_safety(t, late, on_hardware)
-        if t.has_zeros > 0 and t.state not in (_RUN, _HOLD):
+        tick.late_ns = late_ns(tick.skipped, tick.wake_latency_ns, late[PERIOD_NS])
+        take_in(tick, samples[0])
+        look_at_contact(tick, estimators[0])
+        tick.silence_ns = intake.silence_of(end, tick.now_ns)
+        hear(tick, motion[0])
+        tick.led = is_led(tick)
+        if tick.late_ns >= tick.runs_out_ns:
+            tick.command_velocity = 0.0
+        check_safety(tick, late, on_hardware)
+        if tick.has_zeros > 0 and tick.state not in (_RUN, _HOLD):
             return ZEROS
-    supervise(t)
-    t.calm = t.fault == 0 and t.axis_fault == 0 and t.state != _HOLD
-    aim(t)
-    action = act(t)
-    write_row(t, estimators[0], link, rows[0])
-    write_state(t, bodies[0])
+    supervise(tick)
+    tick.calm = tick.fault == 0 and tick.axis_fault == 0 and tick.state != _HOLD
+    aim(tick)
+    action = act(tick)
+    write_row(tick, estimators[0], link, rows[0])
+    write_state(tick, bodies[0])
     return action
 
 

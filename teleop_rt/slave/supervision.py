@@ -33,77 +33,77 @@ _POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORC
 
 
 @kernel
-def take_in(t: Tick, s: SampleFields) -> None:
+def take_in(tick: Tick, sample: SampleFields) -> None:
     """Take a sample over; a value that the drive should measure, and does not, is NaN."""
-    t.usable = t.ready > 0 and s.valid > 0
-    t.valid, t.enabled, t.missing = s.valid, s.enabled, s.missing
-    t.axis_fault, t.sample_stamp_ns = s.fault, s.stamp_ns
-    t.position, t.force = s.position, s.force
-    t.position_stamp_ns, t.force_stamp_ns = s.position_stamp_ns, s.force_stamp_ns
-    t.has_drive_position = t.needs_drive_position > 0 or s.has_drive_position > 0
-    t.has_drive_force = t.needs_drive_force > 0 or s.has_drive_force > 0
-    t.drive_position = s.drive_position if s.has_drive_position > 0 else math.nan
-    t.drive_force = s.drive_force if s.has_drive_force > 0 else math.nan
+    tick.usable = tick.ready > 0 and sample.valid > 0
+    tick.valid, tick.enabled, tick.missing = sample.valid, sample.enabled, sample.missing
+    tick.axis_fault, tick.sample_stamp_ns = sample.fault, sample.stamp_ns
+    tick.position, tick.force = sample.position, sample.force
+    tick.position_stamp_ns, tick.force_stamp_ns = sample.position_stamp_ns, sample.force_stamp_ns
+    tick.has_drive_position = tick.needs_drive_position > 0 or sample.has_drive_position > 0
+    tick.has_drive_force = tick.needs_drive_force > 0 or sample.has_drive_force > 0
+    tick.drive_position = sample.drive_position if sample.has_drive_position > 0 else math.nan
+    tick.drive_force = sample.drive_force if sample.has_drive_force > 0 else math.nan
 
 
 @kernel
-def unexplained(t: Tick, force: float, velocity: float) -> float:
+def unexplained(tick: Tick, force: float, velocity: float) -> float:
     """Return a force on the guide less the friction at this velocity [rig unit].
 
     Coulomb and viscous friction between the drive and the force sensor.
     """
-    rest = force - t.viscous * velocity
-    if velocity > t.slow:
-        return rest - t.coulomb
-    if velocity < -t.slow:
-        return rest + t.coulomb
-    return rest - min(max(rest, -t.coulomb), t.coulomb)
+    rest = force - tick.viscous * velocity
+    if velocity > tick.slow:
+        return rest - tick.coulomb
+    if velocity < -tick.slow:
+        return rest + tick.coulomb
+    return rest - min(max(rest, -tick.coulomb), tick.coulomb)
 
 
 @kernel
-def measured_velocity(t: Tick, position: float) -> float:
+def measured_velocity(tick: Tick, position: float) -> float:
     """Return the measured velocity over the window; 0 until it is full."""
-    stamp_ns = t.position_stamp_ns
-    before, before_ns = t.positions[t.window_place], t.stamps_ns[t.window_place]
-    t.positions[t.window_place], t.stamps_ns[t.window_place] = position, stamp_ns
-    t.window_place = (t.window_place + 1) % t.window
+    stamp_ns = tick.position_stamp_ns
+    before, before_ns = tick.positions[tick.window_place], tick.stamps_ns[tick.window_place]
+    tick.positions[tick.window_place], tick.stamps_ns[tick.window_place] = position, stamp_ns
+    tick.window_place = (tick.window_place + 1) % tick.window
     if before_ns == 0 or stamp_ns <= before_ns:
         return 0.0
     return float((position - before) / (stamp_ns - before_ns) * 1e9)
 
 
 @kernel
-def unpowered(t: Tick) -> None:
+def unpowered(tick: Tick) -> None:
     """Forget all, before power comes on."""
-    t.supervised_ticks = t.far_ticks = t.silent = t.window_place = 0
-    t.difference = t.mismatch = 0.0
-    t.same_position = math.nan
-    for i in range(t.window):
-        t.stamps_ns[i] = 0
+    tick.supervised_ticks = tick.far_ticks = tick.silent = tick.window_place = 0
+    tick.difference = tick.mismatch = 0.0
+    tick.same_position = math.nan
+    for i in range(tick.window):
+        tick.stamps_ns[i] = 0
 
 
 @kernel
-def drive_mismatch(t: Tick, position: float, velocity: float) -> int:
+def drive_mismatch(tick: Tick, position: float, velocity: float) -> int:
     """Return the fault where drive, encoder and force sensor do not agree, 0 where they do.
 
     A quantity of the drive that its kind must give, and that is missing, is not a number.
     """
-    if t.has_drive_position > 0:
-        difference = position - t.drive_position
-        if t.supervised_ticks <= t.align_ticks:
-            t.difference = difference
-        if not abs(difference - t.difference) <= t.difference_max:
+    if tick.has_drive_position > 0:
+        difference = position - tick.drive_position
+        if tick.supervised_ticks <= tick.align_ticks:
+            tick.difference = difference
+        if not abs(difference - tick.difference) <= tick.difference_max:
             return _POSITION_MISMATCH
-    if t.has_drive_force > 0:
-        guide = t.drive_force - t.load - t.force
-        t.mismatch += t.mismatch_gain * (unexplained(t, guide, velocity) - t.mismatch)
-        if not abs(t.mismatch) <= t.mismatch_max:
+    if tick.has_drive_force > 0:
+        guide = tick.drive_force - tick.load - tick.force
+        tick.mismatch += tick.mismatch_gain * (unexplained(tick, guide, velocity) - tick.mismatch)
+        if not abs(tick.mismatch) <= tick.mismatch_max:
             return _FORCE_MISMATCH
     return 0
 
 
 @kernel
-def repeats(t: Tick, position: float, command: float) -> bool:
+def repeats(tick: Tick, position: float, command: float) -> bool:
     """Return whether the position is one number for too long while the command has moved on.
 
     A drive that stands under its own motor's force, or a living sensor with noise, gives another
@@ -111,34 +111,35 @@ def repeats(t: Tick, position: float, command: float) -> bool:
     then the tool is no further from where it is said to be than the command moved. A first command
     that is not a number yet is no place to count from; if it stays so, the axis does not follow it.
     """
-    if position != t.same_position or math.isnan(t.same_command):
-        t.same_position, t.same_command = position, command
-    stamp_ns = t.position_stamp_ns
-    if abs(command - t.same_command) <= t.same_max:
-        t.same_far, t.same_from_ns = 0, stamp_ns
-    elif t.same_far == 0 and stamp_ns > t.same_from_ns:  # measured since the command has left
-        t.same_far, t.same_from_ns = 1, stamp_ns
-    return t.same_far > 0 and (stamp_ns - t.same_from_ns) * 1e-6 > t.same_ms
+    if position != tick.same_position or math.isnan(tick.same_command):
+        tick.same_position, tick.same_command = position, command
+    stamp_ns = tick.position_stamp_ns
+    if abs(command - tick.same_command) <= tick.same_max:
+        tick.same_far, tick.same_from_ns = 0, stamp_ns
+    elif tick.same_far == 0 and stamp_ns > tick.same_from_ns:  # measured since the command has left
+        tick.same_far, tick.same_from_ns = 1, stamp_ns
+    return tick.same_far > 0 and (stamp_ns - tick.same_from_ns) * 1e-6 > tick.same_ms
 
 
 @kernel
-def disagreement(t: Tick, position: float, command: float, follows: bool) -> int:
+def disagreement(tick: Tick, position: float, command: float, follows: bool) -> int:
     """Return the fault for which the axis must stop, 0 where all agree: see `Supervision.check`."""
-    if t.enabled == 0:
-        t.silent += 1
-        return _DRIVE_SILENT if t.silent > (t.silent_ticks if follows else t.enable_ticks) else 0
-    t.silent = 0
-    t.supervised_ticks += 1
-    velocity = measured_velocity(t, position)
-    if not abs(velocity) <= t.overspeed:
+    if tick.enabled == 0:
+        tick.silent += 1
+        most = tick.silent_ticks if follows else tick.enable_ticks
+        return _DRIVE_SILENT if tick.silent > most else 0
+    tick.silent = 0
+    tick.supervised_ticks += 1
+    velocity = measured_velocity(tick, position)
+    if not abs(velocity) <= tick.overspeed:
         return _OVERSPEED
-    close = abs(command - position) <= t.following_max
-    t.far_ticks = 0 if close else t.far_ticks + 1
-    if t.far_ticks > t.following_ticks:
+    close = abs(command - position) <= tick.following_max
+    tick.far_ticks = 0 if close else tick.far_ticks + 1
+    if tick.far_ticks > tick.following_ticks:
         return _FOLLOWING_ERROR
-    if repeats(t, position, command):
+    if repeats(tick, position, command):
         return _REPEATED
-    return drive_mismatch(t, position, velocity)
+    return drive_mismatch(tick, position, velocity)
 
 
 class Supervision:

@@ -54,18 +54,18 @@ def new_sync(can_id: int, last: int | None) -> Syncs:
 @kernel
 def note_sent(syncs: Syncs, sent_ns: int) -> None:
     """Note when SYNC was sent: the answers will be stamped with it. The next one counts on."""
-    s: Any = syncs[0]
-    s.sent_ns = sent_ns
-    if s.last > 0:
-        s.count = s.count % s.last + 1
+    sync: Any = syncs[0]
+    sync.sent_ns = sent_ns
+    if sync.last > 0:
+        sync.count = sync.count % sync.last + 1
 
 
 @kernel
 def send_sync(syncs: Syncs, door: Doors, words: Whole) -> bool:
     """Send SYNC; return whether it went."""
-    s: Any = syncs[0]
-    length = 1 if s.last > 0 else 0
-    sent_ns = put_frame(door, words, s.can_id | length << LENGTH_SHIFT, s.count)
+    sync: Any = syncs[0]
+    length = 1 if sync.last > 0 else 0
+    sent_ns = put_frame(door, words, sync.can_id | length << LENGTH_SHIFT, sync.count)
     if sent_ns > 0:
         note_sent(syncs, sent_ns)
     return sent_ns > 0
@@ -104,24 +104,24 @@ def exchange(
 
 
 @kernel
-def target_of(s: SourceFields, position: float) -> int:
+def target_of(drive: SourceFields, position: float) -> int:
     """Return the counts of a drive that are nearest to a position [rig unit], within its range."""
-    counts = np.rint((position - s.offset) / s.gain)
+    counts = np.rint((position - drive.offset) / drive.gain)
     return int(min(max(counts, LOWEST), HIGHEST))
 
 
 @kernel
 def aim(drives: Sources, position: float) -> None:
     """Take a position [rig unit] for the target of the drive (1,)."""
-    s: Any = drives[0]
-    s.target = target_of(s, position)
+    drive: Any = drives[0]
+    drive.target = target_of(drive, position)
 
 
 @kernel
-def command_word(s: SourceFields, control: int) -> int:
+def command_word(drive: SourceFields, control: int) -> int:
     """Return the bytes of a command as a number: the target, and a controlword beside it."""
-    target = (np.int64(s.target) & np.int64(_TARGET_BITS)) << np.int64(_BITS * s.target_at)
-    return int(target | np.int64(control) << np.int64(_BITS * s.control_at))
+    target = (np.int64(drive.target) & np.int64(_TARGET_BITS)) << np.int64(_BITS * drive.target_at)
+    return int(target | np.int64(control) << np.int64(_BITS * drive.control_at))
 
 
 @kernel
@@ -129,6 +129,6 @@ def send_position(
     drives: Sources, door: Doors, words: Whole, head: int, control: int, position: float
 ) -> int:
     """Aim the drive (1,) and send its command; return as `put_frame` does."""
-    s: Any = drives[0]
-    s.target = target_of(s, position)
-    return put_frame(door, words, head, command_word(s, control))
+    drive: Any = drives[0]
+    drive.target = target_of(drive, position)
+    return put_frame(door, words, head, command_word(drive, control))

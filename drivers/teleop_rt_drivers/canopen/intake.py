@@ -80,39 +80,41 @@ def number(slots: Slots, row: int, at: int, kind: int) -> float:
 
 
 @kernel
-def take_value(s: SourceFields, slots: Slots, row: int, counts: Whole) -> None:
+def take_value(source: SourceFields, slots: Slots, row: int, counts: Whole) -> None:
     """Take a frame as a source's answer: keep its value if that can be true."""
-    s.received += 1
-    if slots[row, LENGTH_AT] != s.length:
+    source.received += 1
+    if slots[row, LENGTH_AT] != source.length:
         counts[_WRONG_LENGTH] += 1
         return
-    value = s.offset + s.gain * number(slots, row, s.number_at, s.number_kind)
-    good = s.status_at < 0 or number(slots, row, s.status_at, s.status_kind) == 0.0
+    value = source.offset + source.gain * number(slots, row, source.number_at, source.number_kind)
+    good = source.status_at < 0 or number(slots, row, source.status_at, source.status_kind) == 0.0
     # Not-a-number is in no range.
-    if s.lower <= value <= s.upper and good:
-        s.candidate = value
+    if source.lower <= value <= source.upper and good:
+        source.candidate = value
     elif not math.isfinite(value):
         counts[_NOT_A_NUMBER] += 1
     elif not good:
         counts[_BAD_STATUS] += 1
     else:
         counts[_OUT_OF_RANGE] += 1
-    if s.extra_at >= 0 and abs(number(slots, row, s.extra_at, s.extra_kind)) >= s.most_extra:
-        counts[_SPEED_SATURATED] += 1
+    if source.extra_at >= 0:
+        extra = number(slots, row, source.extra_at, source.extra_kind)
+        if abs(extra) >= source.most_extra:
+            counts[_SPEED_SATURATED] += 1
 
 
 @kernel
-def take_drive(s: SourceFields, slots: Slots, row: int, counts: Whole) -> None:
+def take_drive(source: SourceFields, slots: Slots, row: int, counts: Whole) -> None:
     """Take a frame as the drive's answer."""
-    s.received += 1
-    if slots[row, LENGTH_AT] != s.length:
+    source.received += 1
+    if slots[row, LENGTH_AT] != source.length:
         counts[_WRONG_LENGTH] += 1
         return
-    s.statusword = int(number(slots, row, s.status_at, s.status_kind))
-    s.actual = number(slots, row, s.number_at, s.number_kind)
-    if s.extra_at >= 0:
-        s.force_counts = number(slots, row, s.extra_at, s.extra_kind)
-    s.silent_cycles = -1
+    source.statusword = int(number(slots, row, source.status_at, source.status_kind))
+    source.actual = number(slots, row, source.number_at, source.number_kind)
+    if source.extra_at >= 0:
+        source.force_counts = number(slots, row, source.extra_at, source.extra_kind)
+    source.silent_cycles = -1
 
 
 @kernel
@@ -151,13 +153,13 @@ def take_frames(
             can_id |= np.int64(slots[row, byte]) << np.int64(8 * byte)
         taken = False
         for index in range(len(sources)):
-            s: Any = sources[index]
-            if s.cob_id == can_id:
+            source: Any = sources[index]
+            if source.cob_id == can_id:
                 taken = True
-                if s.is_drive > 0:
-                    take_drive(s, slots, row, counts)
+                if source.is_drive > 0:
+                    take_drive(source, slots, row, counts)
                 else:
-                    take_value(s, slots, row, counts)
+                    take_value(source, slots, row, counts)
         if not taken:
             length, byte = slots[row, LENGTH_AT], slots[row, DATA_AT]
             if not take_heartbeat(lives, counts, int(can_id), length, byte, now_ns):
@@ -169,59 +171,59 @@ def take_frames(
 def ask(sources: Sources) -> None:
     """Note that a SYNC was sent: every source owes an answer."""
     for index in range(len(sources)):
-        s: Any = sources[index]
-        if s.owed < MOST_ANSWERS_OWED:
-            s.owed += 1
+        source: Any = sources[index]
+        if source.owed < MOST_ANSWERS_OWED:
+            source.owed += 1
 
 
 @kernel
-def answers(s: SourceFields, counts: Whole) -> bool:
+def answers(source: SourceFields, counts: Whole) -> bool:
     """Return whether the newest answer of this cycle belongs to the newest SYNC."""
-    received = s.received
-    s.received = 0
-    if received > s.owed:
-        book_excess(s, received - s.owed, counts)
+    received = source.received
+    source.received = 0
+    if received > source.owed:
+        book_excess(source, received - source.owed, counts)
         return False
-    s.excess_cycles = 0
-    s.owed -= received
-    if s.owed == 0:  # nearly always: one asked, one answered
-        s.behind_cycles = 0
+    source.excess_cycles = 0
+    source.owed -= received
+    if source.owed == 0:  # nearly always: one asked, one answered
+        source.behind_cycles = 0
         return received > 0
     if received == 0:
         return False
-    s.behind_cycles += 1
-    if s.behind_cycles < CYCLES_TO_CATCH_UP:
+    source.behind_cycles += 1
+    if source.behind_cycles < CYCLES_TO_CATCH_UP:
         counts[_LATE] += received
         return False
-    s.given_up = min(s.given_up + s.owed, MOST_ANSWERS_OWED)
-    s.owed = s.behind_cycles = 0
+    source.given_up = min(source.given_up + source.owed, MOST_ANSWERS_OWED)
+    source.owed = source.behind_cycles = 0
     return True
 
 
 @kernel
-def book_excess(s: SourceFields, excess: int, counts: Whole) -> None:
+def book_excess(source: SourceFields, excess: int, counts: Whole) -> None:
     """Book answers beyond those owed: late ones as far as some were given up."""
-    s.owed = s.behind_cycles = 0
-    late = min(excess, s.given_up)
-    s.given_up -= late
+    source.owed = source.behind_cycles = 0
+    late = min(excess, source.given_up)
+    source.given_up -= late
     counts[_LATE] += late
     counts[_UNSOLICITED] += excess - late
-    s.excess_cycles = s.excess_cycles + 1 if excess > late else 0
+    source.excess_cycles = source.excess_cycles + 1 if excess > late else 0
 
 
 @kernel
-def take_over(s: SourceFields, belongs: bool, counts: Whole, sync_ns: int) -> bool:
+def take_over(source: SourceFields, belongs: bool, counts: Whole, sync_ns: int) -> bool:
     """Take over this cycle's value if it is new, belongs to the SYNC and did not jump."""
-    candidate = s.candidate
-    s.candidate = math.nan
+    candidate = source.candidate
+    source.candidate = math.nan
     if not belongs or math.isnan(candidate):
         return False
-    if s.known > 0:
-        reach = s.slack + s.rate_per_ns * (sync_ns - s.stamp_ns)
-        if abs(candidate - s.value) > reach:
+    if source.known > 0:
+        reach = source.slack + source.rate_per_ns * (sync_ns - source.stamp_ns)
+        if abs(candidate - source.value) > reach:
             counts[_IMPOSSIBLE_JUMP] += 1
             return False
-    s.value, s.stamp_ns, s.known = candidate, sync_ns, 1
+    source.value, source.stamp_ns, source.known = candidate, sync_ns, 1
     return True
 
 
@@ -230,49 +232,50 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
     """End a cycle and add up; return a bit for each value that is not new, and DUPLICATE."""
     events = 0
     for index in range(len(sources)):
-        s: Any = sources[index]
-        belongs = answers(s, counts)
-        if s.is_drive > 0:
-            s.silent_cycles = min(s.silent_cycles + 1, SILENT_CYCLES)
-        elif not take_over(s, belongs, counts, sync_ns):
+        source: Any = sources[index]
+        belongs = answers(source, counts)
+        if source.is_drive > 0:
+            source.silent_cycles = min(source.silent_cycles + 1, SILENT_CYCLES)
+        elif not take_over(source, belongs, counts, sync_ns):
             events |= 1 << index
-        if s.excess_cycles >= DUPLICATE_CYCLES:
+        if source.excess_cycles >= DUPLICATE_CYCLES:
             events |= DUPLICATE
     add_up(counts)
     return events
 
 
 @kernel
-def fill(r: Reading, s: SampleFields, sources: Sources) -> None:
+def fill(reading: Reading, sample: SampleFields, sources: Sources) -> None:
     """Write the sources' values into a sample; it is as old as the older one."""
-    s.stamp_ns = 0
-    if r.encoder >= 0:
-        encoder: Any = sources[r.encoder]
-        s.position, s.position_stamp_ns = encoder.value, encoder.stamp_ns
-        s.stamp_ns = encoder.stamp_ns
-    if r.force_sensor >= 0:
-        sensor: Any = sources[r.force_sensor]
-        s.force, s.force_stamp_ns = sensor.value, sensor.stamp_ns
-        if r.encoder < 0 or sensor.stamp_ns < s.stamp_ns:
-            s.stamp_ns = sensor.stamp_ns
-    if r.drive >= 0:
-        drive: Any = sources[r.drive]
-        s.enabled = drive.running > 0 and drive.silent_cycles < SILENT_CYCLES
-        s.has_drive_position, s.has_drive_force = 1, drive.extra_at >= 0
-        s.drive_position = drive.offset + drive.gain * drive.actual
-        s.drive_force = drive.force_gain * drive.force_counts
+    sample.stamp_ns = 0
+    if reading.encoder >= 0:
+        encoder: Any = sources[reading.encoder]
+        sample.position, sample.position_stamp_ns = encoder.value, encoder.stamp_ns
+        sample.stamp_ns = encoder.stamp_ns
+    if reading.force_sensor >= 0:
+        sensor: Any = sources[reading.force_sensor]
+        sample.force, sample.force_stamp_ns = sensor.value, sensor.stamp_ns
+        if reading.encoder < 0 or sensor.stamp_ns < sample.stamp_ns:
+            sample.stamp_ns = sensor.stamp_ns
+    if reading.drive >= 0:
+        drive: Any = sources[reading.drive]
+        sample.enabled = drive.running > 0 and drive.silent_cycles < SILENT_CYCLES
+        sample.has_drive_position, sample.has_drive_force = 1, drive.extra_at >= 0
+        sample.drive_position = drive.offset + drive.gain * drive.actual
+        sample.drive_force = drive.force_gain * drive.force_counts
 
 
 @kernel
-def judge(r: Reading, s: SampleFields, events: int, counts: Whole) -> None:
+def judge(reading: Reading, sample: SampleFields, events: int, counts: Whole) -> None:
     """Write whether a cycle completed a sample, and the errors so far."""
-    s.valid = events & (DUPLICATE - 1) == 0
-    if s.valid > 0:
-        r.missing = 0
+    sample.valid = events & (DUPLICATE - 1) == 0
+    if sample.valid > 0:
+        reading.missing = 0
     else:
-        r.missing += 1
+        reading.missing += 1
         counts[_WITHOUT_SAMPLE] += 1
-    s.missing, s.rejected, s.fault, s.switch = r.missing, counts[TOTAL], r.fault, r.closed
+    sample.missing, sample.rejected = reading.missing, counts[TOTAL]
+    sample.fault, sample.switch = reading.fault, reading.closed
 
 
 @kernel
@@ -300,10 +303,10 @@ def take_cycle(
     events = settle(sources, counts, sync_ns)
     if lost_life(lives, now_ns) >= 0:
         events |= LOST
-    r: Any = readings[0]
-    fill(r, samples[0], sources)
-    judge(r, samples[0], events, counts)
-    if r.drive >= 0 and sources[r.drive].statusword != sources[r.drive].seen:
+    reading: Any = readings[0]
+    fill(reading, samples[0], sources)
+    judge(reading, samples[0], events, counts)
+    if reading.drive >= 0 and sources[reading.drive].statusword != sources[reading.drive].seen:
         events |= CHANGED
     if asks:
         ask(sources)

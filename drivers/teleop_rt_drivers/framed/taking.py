@@ -92,46 +92,46 @@ def take(
 
 
 @kernel
-def take_value(s: Any, c: Any, raw: float, good: bool, count: int, now_ns: int) -> int:
+def take_value(source: Any, clock: Any, raw: float, good: bool, count: int, now_ns: int) -> int:
     """Keep a raw value as `take` does, by the records of value and clock."""
-    value = s.offset + s.gain * raw
+    value = source.offset + source.gain * raw
     if not good:
         return _BAD_STATUS
     if not math.isfinite(value):
         return _NOT_A_NUMBER
-    if not s.lower <= value <= s.upper:
+    if not source.lower <= value <= source.upper:
         return _OUT_OF_RANGE
     found = FINE
-    if s.has_clock > 0:
-        if c.samples > 0 and count == c.count:  # it stands still: a frozen device
+    if source.has_clock > 0:
+        if clock.samples > 0 and count == clock.count:  # it stands still: a frozen device
             return _REPEATED
-        outliers = c.outliers
-        s.candidate_device_ns = take_count(c, count, now_ns)
-        if c.outliers > outliers:
+        outliers = clock.outliers
+        source.candidate_device_ns = take_count(clock, count, now_ns)
+        if clock.outliers > outliers:
             found = _CLOCK_OUTLIER
-    s.candidate, s.candidate_ns = value, now_ns
+    source.candidate, source.candidate_ns = value, now_ns
     return found
 
 
 @kernel
-def take_numbers(s: Any, c: Any, numbers: NDArray[np.float64], now_ns: int) -> int:
+def take_numbers(source: Any, clock: Any, numbers: NDArray[np.float64], now_ns: int) -> int:
     """Keep the value that is among a frame's raw values, which are exact, as `take` does."""
-    good = s.status_slot < 0 or numbers[s.status_slot] == s.good
+    good = source.status_slot < 0 or numbers[source.status_slot] == source.good
     count = np.int64(0)
-    if s.clock_slot >= 0:
-        unused = np.int64(_WORD_BITS - s.clock_bits)
-        count = np.int64(numbers[s.clock_slot]) << unused >> unused
-    return take_value(s, c, numbers[s.slot], good, int(count), now_ns)
+    if source.clock_slot >= 0:
+        unused = np.int64(_WORD_BITS - source.clock_bits)
+        count = np.int64(numbers[source.clock_slot]) << unused >> unused
+    return take_value(source, clock, numbers[source.slot], good, int(count), now_ns)
 
 
 @kernel
 def settle(stored: StoredValue, now_ns: int) -> int:
     """Take over this cycle's value, and judge its age; return the finding."""
-    s: Any = stored[0]
-    found = take_over(s)
-    if found != NEW and (s.known == 0 or now_ns - s.stamp_ns > s.held_ns):
+    source: Any = stored[0]
+    found = take_over(source)
+    if found != NEW and (source.known == 0 or now_ns - source.stamp_ns > source.held_ns):
         found |= TOO_OLD
-    if now_ns - max(s.stamp_ns, s.watched_ns) > s.timeout_ns:
+    if now_ns - max(source.stamp_ns, source.watched_ns) > source.timeout_ns:
         found |= SILENT
     return int(found)
 
@@ -153,36 +153,36 @@ def settle_cycle(
     The sample is as old as the older value. How many cycles lack one is left as it is, where this
     one does.
     """
-    s: Any = samples[0]
-    s.stamp_ns, found = now_ns, 0
+    sample: Any = samples[0]
+    sample.stamp_ns, found = now_ns, 0
     if has_position:
         found = settle(positions, now_ns)
         position: Any = positions[0]
-        s.position, s.position_stamp_ns = position.value, position.stamp_ns
-        s.device_stamp_ns = position.device_stamp_ns
-        s.stamp_ns = min(s.stamp_ns, position.stamp_ns)
+        sample.position, sample.position_stamp_ns = position.value, position.stamp_ns
+        sample.device_stamp_ns = position.device_stamp_ns
+        sample.stamp_ns = min(sample.stamp_ns, position.stamp_ns)
     if has_force:
         found |= settle(forces, now_ns) << FORCE_SHIFT
         force: Any = forces[0]
-        s.force, s.force_stamp_ns = force.value, force.stamp_ns
-        s.stamp_ns = min(s.stamp_ns, force.stamp_ns)
-    s.valid = found & NO_SAMPLE == 0
-    if s.valid > 0:
-        s.missing = 0
-    s.switch, s.rejected, s.fault = closed, rejected, fault
+        sample.force, sample.force_stamp_ns = force.value, force.stamp_ns
+        sample.stamp_ns = min(sample.stamp_ns, force.stamp_ns)
+    sample.valid = found & NO_SAMPLE == 0
+    if sample.valid > 0:
+        sample.missing = 0
+    sample.switch, sample.rejected, sample.fault = closed, rejected, fault
     return int(found)
 
 
 @kernel
-def take_over(s: Any) -> int:
+def take_over(source: Any) -> int:
     """Take over this cycle's value if it did not jump; return the finding."""
-    candidate = s.candidate
-    s.candidate = math.nan
+    candidate = source.candidate
+    source.candidate = math.nan
     if math.isnan(candidate):
         return NOTHING
-    reach = s.slack + s.rate * ((s.candidate_ns - s.stamp_ns) * 1e-9)
-    if s.known > 0 and abs(candidate - s.value) > reach:
+    reach = source.slack + source.rate * ((source.candidate_ns - source.stamp_ns) * 1e-9)
+    if source.known > 0 and abs(candidate - source.value) > reach:
         return JUMPED
-    s.value, s.stamp_ns, s.known = candidate, s.candidate_ns, 1
-    s.device_stamp_ns = s.candidate_device_ns
+    source.value, source.stamp_ns, source.known = candidate, source.candidate_ns, 1
+    source.device_stamp_ns = source.candidate_device_ns
     return NEW
