@@ -14,6 +14,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
+from teleop_rt.contact.law import touches
 
 _SATURATED_SHARE, _BENT_SHARE = 0.97, 0.8
 """The share of a level from which a force is masked: one that clips, and one that bends softly."""
@@ -97,7 +98,8 @@ class Corrections:
         for one, state in zip(self._slow, self._states[len(self._moving) :], strict=True):
             depth = one.effect.step(state, depth, rate, 0.0, self._time_s, self._period_s, one.eta)
         deepest = self._deepest = max(self._deepest, depth)
-        return surface + depth if depth > _FADED * deepest or position > surface else position
+        inside = touches(position - surface)
+        return surface + depth if inside or depth > _FADED * deepest else position
 
     def counts(self, force: float) -> bool:
         """Return whether a force may be used: neither saturated nor an outlier."""

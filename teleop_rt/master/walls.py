@@ -90,8 +90,8 @@ class Wall:
     def holds(self, position: float) -> bool:
         """Return whether the wall acts at this position."""
         if not self.terms:
-            return self.bilateral or position > self.surface
-        return self.bilateral or position > self.surface_now or self.pull != 0.0
+            return self.bilateral or touches(position - self.surface)
+        return self.bilateral or touches(position - self.surface_now) or self.pull != 0.0
 
     def elastic_force(self, position: float) -> float:
         """Return the force of the spring alone, and of the springs within the effects."""
