@@ -136,7 +136,12 @@ def _load(config: Path, overrides: list[str] | None) -> tuple[RigConfig, TrialCo
     if isinstance(data, dict) and "rig" not in data and "axis" in data:
         if overrides:
             raise ConfigError(
-                [ConfigProblem(f"--set {overrides[0]}", "works on a trial, not on a rig")]
+                [
+                    ConfigProblem(
+                        f"--set {overrides[0]}",
+                        "works on a trial: name one, or change the rig's file",
+                    )
+                ]
             )
         return load_rig(config, AXIS_SCHEMAS), None
     trial = load_trial(config, AXIS_SCHEMAS, PLANT_SCHEMAS, overrides or ())

@@ -50,7 +50,9 @@ def with_found(text: str, drive: str, found: Sequence[Found], chosen: int | None
         having = [one for one in found if (name, "node_id") in one.values]
         if not having:
             named = "; ".join(one.words for one in found)
-            raise NewRigError(f"no node has the profile of the {name}: {named}")
+            raise NewRigError(
+                f"no node has the profile of the {name}: {named}: connect it, or leave --scan out"
+            )
         one = _one(having, chosen if name == "drive" else None)
         if (name, "eds") not in one.values and not _is_of(section[name], one, name):
             raise NewRigError(
@@ -127,7 +129,7 @@ def with_eds(text: str, file: Path, note: Callable[[str], None]) -> str:
     Raises NewRigError for a rig without CANopen drive, AxisError for an EDS that is of none.
     """
     if "driver: canopen" not in text:
-        raise NewRigError("--eds is for --drive canopen")
+        raise NewRigError("--eds is for --drive canopen: give that, or leave it out")
     part, section = device_part(text, "canopen")
     read = drive_of(file, section["drive"])
     for line in read.notes:

@@ -57,7 +57,9 @@ def open_axis(rig: RigConfig, now_ns: Callable[[], int], *, bus: can.BusABC | No
     """
     if isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig):
         driver = rig.axis.driver
-        raise AxisError(f"rig.axis.driver: {driver} is for operator.rig, it measures no force")
+        raise AxisError(
+            f"rig.axis.driver: {driver} measures no force: name this rig in operator.rig"
+        )
     ends = DaemonEnds(bus)
     try:
         return open_axis_on(rig, now_ns, ends)
@@ -125,7 +127,7 @@ def _check_homing(rig: RigConfig) -> None:
         key = f"axis.parts.{name}.drive.zero" if name else "axis.drive.zero"
         drive = getattr(part, "drive", None)
         if drive is not None and drive.zero != "unknown":
-            raise AxisError(f"{key} must be unknown where reference.homing finds the zero")
+            raise AxisError(f"{key}: write unknown, because reference.homing finds the zero")
     if homing.to == "switch" and not any(_has_switch(part) for part in parts_of(rig.axis).values()):
         raise AxisError("reference.homing.to: no part of the axis has a switch: describe it")
 
@@ -179,7 +181,7 @@ def _open_replay(axis: CanopenPart | RawCanPart, rig: RigConfig, now_ns: Callabl
         bus = ReplayBus(file, lambda cob_id: cob_id == axis.daemon.sync_cob_id, ours)
         return ReplayAxis(CanopenAxis(axis, rig, bus, bus.now_ns), bus, now_ns)
     if axis.drive is None:
-        raise AxisError("a bus log can only be replayed if drive.command marks its cycles")
+        raise AxisError("a bus log needs a command that marks its cycles: add axis.drive.command")
     command = load_dbc(axis.dbc)[axis.drive.command].frame_id
     bus = ReplayBus(file, lambda can_id: can_id == command, lambda _: False)
     counters = new_counters()

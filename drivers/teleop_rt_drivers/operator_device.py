@@ -55,7 +55,9 @@ def open_device_of(rig: RigConfig, now_ns: Callable[[], int]) -> Device:
 def device_axis(rig: RigConfig) -> DeviceConfig:
     """Return the axis section of an operator's device. Raises AxisError for another one."""
     if not isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig):
-        raise AxisError(f"operator.rig.axis: {rig.axis.driver!r} is not driven by force")
+        raise AxisError(
+            f"operator.rig.axis: {rig.axis.driver!r} is not driven by force: name a handle's rig"
+        )
     return rig.axis
 
 

@@ -175,7 +175,9 @@ def read_columns(path: Path, names: tuple[str, ...]) -> list[Vector]:
             wanted = [header.index(name) for name in names]
             table = np.loadtxt(file, delimiter=",", usecols=wanted, ndmin=2)
     except (ValueError, UnicodeDecodeError) as error:
-        raise AxisError(f"recording {path}: not a table of numbers: {error}") from error
+        raise AxisError(
+            f"recording {path}: not a table of numbers: {error}: correct it, or name another file"
+        ) from error
     if len(table) < 2:
         raise AxisError(f"recording {path}: it has fewer than two samples: give a longer one")
     bad = ~np.isfinite(table)

@@ -54,7 +54,7 @@ class ReplayBus(can.BusABC):
                 waiting.append(message)
         if not self._cycles:
             raise AxisError(
-                f"bus log {file}: no cycle of the daemon is in it: is it of a rig like this one?"
+                f"bus log {file}: no cycle of the daemon is in it: take a log of this rig"
             )
 
     def start(self, now_ns: int) -> None:
@@ -87,7 +87,7 @@ def _messages(file: str) -> list[can.Message]:
     """Read a log. Raises AxisError naming the file."""
     path = Path(file)
     if not path.is_file():
-        raise AxisError(f"bus log {file}: no such file; bus.channel names it where one is replayed")
+        raise AxisError(f"bus log {file}: no such file: correct bus.channel")
     refuse_huge(path, f"bus log {file}")
     try:
         if path.suffix == ".blf":
@@ -96,7 +96,7 @@ def _messages(file: str) -> list[can.Message]:
         with path.open(encoding="utf-8") as text:
             return list(can.ASCReader(text))
     except (can.CanError, OSError, ValueError, LookupError, struct.error, BLFParseError) as error:
-        raise AxisError(f"bus log {file}: cannot be read: {error}; .asc or .blf is") from error
+        raise AxisError(f"bus log {file}: cannot be read: {error}: give a .asc or .blf") from error
 
 
 class ListeningAxis(Protocol):

@@ -103,11 +103,13 @@ def rig_text(
     _refuse_unknown(("--position", position, POSITIONS))
     if position == "encoder" and (drive, sensor) not in ENCODERS:
         raise NewRigError(
-            "--position encoder: only --drive canopen with a force sensor has an encoder of its own"
+            "--position encoder: only --drive canopen with a force sensor has an encoder of its"
+            " own: take that, or --position drive"
         )
     if sensor == "drive-input" and drive != WITH_INPUT:
         raise NewRigError(
-            "--sensor drive-input: only --drive canopen sends the value of its analog input"
+            "--sensor drive-input: only --drive canopen sends its analog input: take that,"
+            " or another sensor"
         )
     text = _with_sensor(drive, sensor)
     text = text.replace(*SIMULATED_MASS) if adapter == "unix" else text
@@ -126,7 +128,8 @@ def _with_sensor_port(text: str, sensor: str, adapter: str, port: str) -> str:
     """Return the text with the file of the sensor's serial port below /dev."""
     if sensor not in ON_PORTS or adapter == "unix":
         raise NewRigError(
-            f"--sensor-port {port}: only --sensor {' or '.join(ON_PORTS)} on hardware has a port"
+            f"--sensor-port {port}: only --sensor {' or '.join(ON_PORTS)} on hardware has a port:"
+            " take one, or leave the port out"
         )
     return SENSOR_PORT.sub(rf'\g<1>"{port.removeprefix("/dev/")}"', text)
 

@@ -56,7 +56,7 @@ def _network(
 ) -> Network:
     plant, latched = simulated.plant, simulated.note_truth
     if isinstance(part, CanopenPart | RawCanPart) and part.bus.interface == REPLAY:
-        raise AxisError("a replayed bus has no devices to simulate: --set plant=null")
+        raise AxisError("a replayed bus has no devices to simulate: add --set plant=null")
     if isinstance(part, CanActuatorPart):
         bus = ends.bus(name, part.bus)
         return CanActuatorNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)

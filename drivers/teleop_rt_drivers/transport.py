@@ -102,15 +102,15 @@ def serial_transport(axis: SerialDeviceConfig, rig: RigConfig) -> TransportTimes
     frame = load_format(position.format)
     if not isinstance(frame, BinaryFormat):
         raise AxisError(
-            f"ports.{axis.position.source}: the length of a text format varies, "
-            "so its latency is unknown"
+            f"ports.{axis.position.source}: a text format has no fixed length, "
+            "and so no known latency: take a binary one"
         )
     age_s = rig.period_ns * 1e-9 + BITS_PER_SERIAL_BYTE * frame.size / position.baud
     command = load_format(drive.command_format or "")
     if not isinstance(command, BinaryFormat):
         raise AxisError(
-            f"ports.{axis.drive.command}: the length of a text command varies, "
-            "so its latency is unknown"
+            f"ports.{axis.drive.command}: a text command has no fixed length, "
+            "and so no known latency: take a binary one"
         )
     size = len(BinaryPacker(command).pack([0.0] * len(command.fields)))
     delay_s = BITS_PER_SERIAL_BYTE * size / drive.baud

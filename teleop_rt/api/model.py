@@ -146,5 +146,7 @@ def _linear(model: ExtendedModel, whole: CandidateModel) -> Vector:
 
 def _parameter(model: ExtendedModel, name: str) -> float:
     if name not in model.parameters:
-        raise ExtendedModelError(f"base {model.base}: no number for its parameter {name}")
+        raise ExtendedModelError(
+            f"base {model.base}: no number for its parameter {name}: add it to `parameters`"
+        )
     return model.parameters[name]

@@ -100,9 +100,11 @@ def _row(name: str, values: Row) -> Vector:
         row = np.asarray(values)
         numbers = np.array(row.real, dtype=np.float64)
     except (TypeError, ValueError):
-        raise RecordingError(f"arrays: {name}: not an array of numbers") from None
+        raise RecordingError(
+            f"arrays: {name}: not an array of numbers: give one number per sample"
+        ) from None
     if np.iscomplexobj(row):
-        raise RecordingError(f"arrays: {name}: complex numbers, but real ones are needed")
+        raise RecordingError(f"arrays: {name}: complex numbers: give real ones")
     if numbers.ndim != 1:
         raise RecordingError(
             f"arrays: {name}: has the shape {row.shape}: give one value per sample, (samples,)"

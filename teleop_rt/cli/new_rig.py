@@ -102,7 +102,9 @@ def _text(
 
     if sensor is None:
         if sensor_port is not None:
-            raise rig_text.NewRigError(f"--sensor-port {sensor_port}: a handle has no force sensor")
+            raise rig_text.NewRigError(
+                f"--sensor-port {sensor_port}: a handle has no force sensor: leave it out"
+            )
         text = rig_text.handle_text(drive, adapter, channel)
     else:
         text = rig_text.rig_text(drive, adapter, sensor, channel, position, sensor_port)

@@ -36,10 +36,10 @@ def report(
         raise RecordingError("give one run folder, or two or more after --compare")
     if out is not None and not compare:
         raise RecordingError(
-            "--out goes with --compare: the report of one run is report.html in its folder"
+            "--out goes with --compare: leave it out; the report of one run is its report.html"
         )
     if figures is not None and compare:
-        raise RecordingError("--figures goes with one run folder, not with --compare")
+        raise RecordingError("--figures goes with one run folder: leave out --figures or --compare")
     if figures is not None:
         refuse_filled(figures, "name another folder with --figures")
     with bar("loading the report", counts=False) as shown:

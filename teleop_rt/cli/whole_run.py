@@ -183,7 +183,10 @@ def _run(
                 write_json(folder / "summary.json", summary)
                 _report(folder, summary)
             except OSError as error:
-                message = f"{folder}: summary and report cannot be written: {error.strerror}"
+                message = (
+                    f"{folder}: summary and report cannot be written: {error.strerror}: make"
+                    f" room, then run `teleop-rt report {folder}`"
+                )
                 failure = failure or ProcessFailedError(message, FAULT)
     return folder, summary, failure
 

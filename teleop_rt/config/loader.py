@@ -126,7 +126,7 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
     if key == "rig" and not _is_file(file) and named in example_names("rigs"):
         file = example("rigs", named)
     if not _is_file(file):
-        message = f"{'.'.join(keys)}: no file {file}: the path is relative to the trial file"
+        message = f"{'.'.join(keys)}: no file {file}: give a path relative to the trial file"
         if document.place(keys).startswith(OVERRIDE):
             message += ", or to the folder where you are"
         if key == "rig" and file.name == named:
@@ -157,7 +157,7 @@ def _override(document: Document, override: str) -> None:
             document.places[tuple(keys[: depth + 1])] = OVERRIDE + override
         section = section.setdefault(key, {})
         if not isinstance(section, dict):
-            message = f"{'.'.join(keys[: depth + 1])} is a value, it has no keys below it"
+            message = f"{'.'.join(keys[: depth + 1])} is a value: leave out the keys below it"
             raise ConfigError([ConfigProblem(OVERRIDE + override, message)])
     section[keys[-1]] = parse_scalar(text)
     path = tuple(keys)

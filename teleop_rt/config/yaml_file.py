@@ -193,9 +193,11 @@ def _read(text: str, name: str) -> Document:
             [ConfigProblem(f"{name}:{line}", f"YAML syntax: {what}; {_CHECK}")]
         ) from None
     except yaml.YAMLError as error:
-        raise ConfigError([ConfigProblem(name, f"YAML syntax: {error}")]) from None
+        raise ConfigError([ConfigProblem(name, f"YAML syntax: {error}; {_CHECK}")]) from None
     except (ValueError, RecursionError, TypeError) as error:
-        raise ConfigError([ConfigProblem(name, f"cannot be read as YAML: {error}")]) from None
+        raise ConfigError(
+            [ConfigProblem(name, f"cannot be read as YAML: {error}; {_CHECK}")]
+        ) from None
     finally:
         if loader is not None:
             loader.dispose()
@@ -232,7 +234,11 @@ class _Building:
         try:
             value = self._loader.construct_object(node, deep=True)
         except (ValueError, LookupError):  # `!!int x`, `!!bool maybe`
-            self.problems.append(ConfigProblem(where, f"{node.value!r:.80} is no value of its tag"))
+            self.problems.append(
+                ConfigProblem(
+                    where, f"{node.value!r:.80} is no value of its tag: remove one of the two"
+                )
+            )
             return None
         if isinstance(value, str) and _CONTROL.search(value):
             self.problems.append(ConfigProblem(where, "contains a control character: remove it"))
@@ -244,7 +250,9 @@ class _Building:
             key = key_node.value if isinstance(key_node, yaml.ScalarNode) else None
             where = f"{self._name}:{key_node.start_mark.line + 1}"
             if key is None:
-                self.problems.append(ConfigProblem(where, "a key must be plain text"))
+                self.problems.append(
+                    ConfigProblem(where, "a key must be plain text: write it without brackets")
+                )
                 continue
             if key in mapping:
                 self.problems.append(ConfigProblem(where, f"key {key!r} is given twice: keep one"))

@@ -51,7 +51,7 @@ def fitted_effect(
     if not known:
         laws = [e.law for e in library if e.name == name]
         names = ", ".join(dict.fromkeys(e.name for e in library))
-        hint = f"its laws: {', '.join(laws)}" if laws else f"effects: {names}"
+        hint = f"take one of its laws: {', '.join(laws)}" if laws else f"take one of: {names}"
         raise ExtendedModelError(f"{place}: effects: no effect {name!r} of law {law!r}; {hint}")
     effect = known[0]
     wanted = [shape.name for shape in effect.shapes]
@@ -64,7 +64,9 @@ def fitted_effect(
     }
     lacking = [key for key in wanted if key not in numbers]
     if lacking:
-        raise ExtendedModelError(f"{place}: effects: {name}: no number for {', '.join(lacking)}")
+        raise ExtendedModelError(
+            f"{place}: effects: {name}: give a number for {', '.join(lacking)}"
+        )
     amplitude = 1.0 if effect.amplitude.unity else numbers[effect.amplitude.name]
     eta = np.array([numbers[shape.name] for shape in effect.shapes] or [0.0])
     return FittedEffect(effect, amplitude, eta)

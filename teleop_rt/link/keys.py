@@ -102,7 +102,7 @@ def load_own_key(path: Path) -> PeerKeys:
     keys = load_keys(path)
     if len(keys) != 1:
         raise KeyFileError(
-            f"{path}: contains {len(keys)} keys: the master's side needs only its own"
+            f"{path}: contains {len(keys)} keys: give the master a file with its own alone"
         )
     return keys
 
@@ -132,7 +132,9 @@ def _distinct(keys: PeerKeys, path: Path) -> PeerKeys:
         raise KeyFileError(f"{path}: contains {len(keys)} keys: 1 to {MOST_KEYS} are expected")
     for what, values in (("name", [key.name for key in keys]), ("key", [k.secret for k in keys])):
         if len(set(values)) < len(values):
-            raise KeyFileError(f"{path}: a {what} is listed twice: each operator needs its own")
+            raise KeyFileError(
+                f"{path}: a {what} is listed twice: give each operator one of its own"
+            )
     return keys
 
 

@@ -83,9 +83,13 @@ def _read(path: Path, *names: str) -> list[np.ndarray]:
             usecols = [header.index(name) for name in names]
             table = np.loadtxt(file, delimiter=",", usecols=usecols, ndmin=2)
     except OSError as error:
-        raise OperatorError(f"{path}: cannot read the recording: {error.strerror}") from error
+        raise OperatorError(
+            f"{path}: cannot read the recording: {error.strerror}: let this user read it"
+        ) from error
     except (ValueError, csv.Error) as error:
-        raise OperatorError(f"{path}: not a table of numbers: {error}") from error
+        raise OperatorError(
+            f"{path}: not a table of numbers: {error}: correct the file, or name another one"
+        ) from error
     if not np.isfinite(table).all():
         raise OperatorError(f"{path}: a value is not finite: remove its line")
     return list(table.T)

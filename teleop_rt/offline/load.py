@@ -116,7 +116,8 @@ def _settings(path: Path, metadata: dict[str, str]) -> PipelineSettings:
         return PipelineSettings(**json.loads(metadata["settings"]))
     except (TypeError, ValueError, KeyError) as error:
         raise RecordingError(
-            f"{path}: its settings are not those of this version: {error}"
+            f"{path}: its settings are not those of this version: {error}:"
+            " replay it with the version that recorded it"
         ) from error
 
 

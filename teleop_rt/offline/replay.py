@@ -153,8 +153,8 @@ def _refuse_beyond(recording: Recording, surface: float | None) -> None:
         unit, _ = recording.units
         raise RecordingError(
             f"{recording.name}: no contact: positions lie between {lowest:.4g} and {deepest:.4g}"
-            f" {unit}, none beyond the surface at {surface:.4g} {unit}; --surface takes {unit},"
-            " or a unit as in 10mm"
+            f" {unit}, none beyond the surface at {surface:.4g} {unit}; correct it:"
+            f" --surface takes {unit}, or a unit as in 10mm"
         )
 
 

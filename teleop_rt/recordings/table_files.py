@@ -52,7 +52,7 @@ def read_table(path: Path) -> dict[str, Vector]:
             f"{path}: unknown kind of file; one of .mcap, {', '.join(readers)}: export it as .csv"
         )
     if not path.is_file():
-        raise RecordingError(f"{path}: no such file")
+        raise RecordingError(f"{path}: no such file: check the path")
     try:
         return reader(path)
     except _UNREADABLE as error:

@@ -102,6 +102,10 @@ def period_of(name: str, t: Vector, slowest_hz: float) -> float:
 def refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None:
     """Raise RecordingError where nothing presses, or nothing moves."""
     if np.ptp(force) <= LEAST:
-        raise RecordingError(f"{name}: the force is constant ({force[0]:.6g}): is it connected?")
+        raise RecordingError(
+            f"{name}: the force is constant ({force[0]:.6g}): check sensor and column"
+        )
     if np.ptp(position) <= LEAST:
-        raise RecordingError(f"{name}: no excitation: the position never changes")
+        raise RecordingError(
+            f"{name}: no excitation: the position never changes: record a motion that presses"
+        )

@@ -85,7 +85,8 @@ def trial_extension(trial: TrialConfig) -> Extension | None:
     if extension.base not in trial.estimation.models:
         raise ExtendedModelError(
             f"extended_model: base: {extension.base} is not among estimation.models"
-            f" ({', '.join(trial.estimation.models)}): the effects were fitted beside it, so add it"
+            f" ({', '.join(trial.estimation.models)}): add it, for the effects were"
+            " fitted beside it"
         )
     return extension
 

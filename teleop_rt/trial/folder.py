@@ -66,7 +66,7 @@ def _refuse_unreadable(recording: Path) -> None:
         ) from None
     if empty:
         raise RecordingError(
-            f"{recording}: is empty: nothing was written into it, so nothing can be read from it"
+            f"{recording}: is empty, as after a run that ended at once: give another one"
         )
 
 

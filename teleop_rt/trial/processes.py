@@ -143,7 +143,10 @@ class TrialProcesses:
         while waiting := [child.name for child in children if "ready" not in child.events]:
             self.watch(_POLL_S)
             if time.monotonic() > deadline:
-                message = f"{waiting[0]} was not ready after {_READY_TIMEOUT_S:.0f} s"
+                message = (
+                    f"{waiting[0]} was not ready after {_READY_TIMEOUT_S:.0f} s: see"
+                    f" {self._log.name}, and start again"
+                )
                 raise ProcessFailedError(message, 1)
 
     def watch(self, timeout_s: float) -> None:

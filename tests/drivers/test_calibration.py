@@ -245,4 +245,4 @@ def test_what_a_trial_does_not_simulate_is_named(tmp_path, call):
         "--simulated", "silicone_cube",
     )  # fmt: skip
     assert code == 2
-    assert "simulates no operator's device; handle does" in " ".join(err.split())
+    assert "simulates no operator's device: name one that does" in " ".join(err.split())

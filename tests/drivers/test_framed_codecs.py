@@ -239,7 +239,7 @@ FORMAT = Path(str(load_format.__code__.co_filename)).parents[1] / "formats" / "c
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("kind: binary", "kind: binaries", r":3: kind: 'binaries' is neither binary nor text"),
+        ("kind: binary", "kind: binaries", r":3: kind: 'binaries': write binary or text"),
         ('sync: "55"', 'sync: "5G"', r":4: sync: write bytes as hexadecimal"),
         ("type: i16, divisor: 100,", "type: i20, divisor: 100,", r":8: fields.0.type: "),
         ("divisor: 100,", "divisor: 0,", r":8: fields.0: scale and divisor must not be 0"),

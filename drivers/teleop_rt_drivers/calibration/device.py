@@ -73,7 +73,9 @@ def fit_device(motion: SwingRecord) -> DeviceFit:
     left = np.array([_left(columns, push[cut:])[1] for push in pushes])
     best = int(np.argmin(left))
     if not 0 < best < len(latencies) - 1:
-        raise CalibrationError("no latency up to 30 ms explains the motion: is the device free?")
+        raise CalibrationError(
+            "no latency up to 30 ms explains the motion: let the device move freely"
+        )
     return _judged(columns, pushes[best][cut:], left, best, latencies, 2 * half)
 
 
@@ -200,7 +202,7 @@ def device_keys(rig: RigConfig, transport: TransportTimes, fit: DeviceFit) -> di
     """
     body, units = rig.device, rig.units
     if body is None:
-        raise CalibrationError("device is missing in the rig: it is no operator's device")
+        raise CalibrationError("device is missing in the rig: name the rig of an operator's device")
     moving, force = f"{units.force}_s", units.position
     others_s = transport.sample_age_s + transport.force_delay_s
     others_s += body.latency_s - 1e-3 * body.force_latency_ms

@@ -41,7 +41,7 @@ def drivetrain_keys(rig: RigConfig, found: Diagnosis, recorded: RigConfig) -> di
     if not named:
         raise CalibrationError(
             f"diagnosis finds no friction and no inertia ({found.verdict.replace('_', ' ')}): "
-            "nothing is to be corrected, or the recording does not move enough to show it"
+            "leave the rig as it is, or record faster motion, which shows more"
         )
     for effect in named:
         parameter, key = FOUND[effect.name]

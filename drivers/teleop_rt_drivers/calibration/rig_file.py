@@ -35,7 +35,7 @@ def _with_value(text: str, path: KeyPath, value: str) -> str:
     for key in path[:-1]:
         section = _child(section, key)
     if not isinstance(section, yaml.MappingNode):
-        raise CalibrationError(f"the rig's file has no section {'.'.join(path[:-1])}")
+        raise CalibrationError(f"the rig's file has no section {'.'.join(path[:-1])}: add it")
     old = _child(section, path[-1])
     if old is not None:
         begin = old.start_mark.index

@@ -102,8 +102,8 @@ def _device_of(trial: Path, *overrides: str) -> DeviceOperator:
     operator = _trial(trial, *overrides).operator
     if not isinstance(operator, DeviceOperator) or operator.hand is None:
         raise CalibrationError(
-            f"--simulated {trial.name}: this trial simulates no operator's device; handle does, "
-            "and serial_handle"
+            f"--simulated {trial.name}: this trial simulates no operator's device: name one "
+            "that does, such as handle or serial_handle"
         )
     return operator
 

@@ -48,7 +48,9 @@ def calibrate_force(
     rig = load_rig(file, AXIS_SCHEMAS)
     masses = masses_of(weights)
     if (rig.units.force == "Nm") != (lever_m is not None):
-        raise CalibrationError("--lever-m is only for a rotary rig")
+        raise CalibrationError(
+            "--lever-m is for rotary rigs: give it for one, and leave it out for a linear one"
+        )
     per_kg = STANDARD_GRAVITY * (lever_m or 1.0) * (-1.0 if pull else 1.0)
     axis, clock, hang = with_weights(file, rig, simulated, ask)
     readings = []

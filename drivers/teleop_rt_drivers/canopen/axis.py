@@ -96,7 +96,7 @@ class CanopenAxis:
     def timing(self) -> Timing:
         """Return the part of an operator's device's latency by bus, frames and drive, at worst."""
         if not isinstance(self._config, CanopenDeviceConfig):
-            raise AxisError("only an operator's device answers with a force")
+            raise AxisError("only an operator's device answers with a force: name the rig of one")
         return timing_of(canopen_transport(self._config, self._rig), self._rig)
 
     def configure(self) -> None:
@@ -194,7 +194,9 @@ class CanopenAxis:
         Raises AxisError where the drive is not in torque mode.
         """
         if self._drive is None or self._drive.takes_positions:
-            raise AxisError("drive.torque is missing: an operator's device is driven by force")
+            raise AxisError(
+                "drive.torque is missing: add it, for an operator's device is driven by force"
+            )
         if self._receiver.fault is not _NOT_ACKNOWLEDGED:
             self._send(self._drive.rpdo.cob_id, self._drive.force_command(force))
 

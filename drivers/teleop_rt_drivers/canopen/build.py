@@ -135,7 +135,9 @@ def torque_of(
 ) -> Torque:
     """Return the position loop of a drive that takes forces. Raises AxisError."""
     if encoder is None:
-        raise AxisError("drive.torque: the loop needs the encoder on the drive's own bus")
+        raise AxisError(
+            "drive.torque: the loop needs the encoder on the drive's bus: describe it there"
+        )
     loop = PositionLoop(config, encoder, rig.period_ns * 1e-9, rig.limits.force_max)
     return Torque(loop, config.rated_force, drive.sign)
 

@@ -36,7 +36,9 @@ def load(name: str, node_id: int) -> ObjectDictionary:
         eds_file.check(text, name)
         dictionary: ObjectDictionary = import_eds(io.StringIO(text), node_id)  # type: ignore[no-untyped-call]
     except (configparser.Error, ValueError, KeyError, ObjectDictionaryError) as error:
-        raise AxisError(f"EDS file {name!r} cannot be read: {error}") from error
+        raise AxisError(
+            f"EDS file {name!r} cannot be read: {error}: get it again from the device's maker"
+        ) from error
     return dictionary
 
 

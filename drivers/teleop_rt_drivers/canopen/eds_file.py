@@ -16,6 +16,7 @@ NUMBER = re.compile(r"^(\$NODEID\s*\+?\s*)?[+-]?(0[xX][0-9A-Fa-f]+|\d+)?(\s*\+\s
 ACCESS = ("ro", "wo", "rw", "rwr", "rww", "const")
 LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 MANDATORY = "DeviceInfo"
+_CORRECT = "correct it, or get the EDS again from the device's maker"
 VARIABLE, DOMAIN = 0x7, 0x2
 NUMERIC = ("ObjectType", "DataType", "SubNumber", "PDOMapping")
 BITS = {0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 16, 0x07: 32, 0x15: 64, 0x1B: 64}
@@ -36,7 +37,7 @@ def check(text: str, name: str) -> None:
         raise AxisError(_syntax(error, name)) from error
     if not parser.has_section(MANDATORY):
         raise AxisError(
-            f"{name}:1: the section [{MANDATORY}] is missing: this is not a complete EDS"
+            f"{name}:1: the section [{MANDATORY}] is missing: get the complete EDS from the maker"
         )
     places = _places(text)
     for section in parser.sections():
@@ -79,7 +80,7 @@ def _check_object(
 ) -> None:
     def refuse(key: str, why: str) -> AxisError:
         line = places.get((section, key), places[section, ""])
-        return AxisError(f"{name}:{line}: [{section}] {key}: {why}")
+        return AxisError(f"{name}:{line}: [{section}] {key}: {why}: {_CORRECT}")
 
     keys = dict(parser.items(section))
     if "ParameterName" not in keys:
@@ -124,7 +125,7 @@ def _check_list(
         if index is None or f"{index:04X}" not in described:
             line = places.get((section, key), 1)
             raise AxisError(
-                f"{name}:{line}: [{section}] {key}: the file has no section for {value}"
+                f"{name}:{line}: [{section}] {key}: the file has no section for {value}: {_CORRECT}"
             )
 
 

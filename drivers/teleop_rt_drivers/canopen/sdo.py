@@ -24,6 +24,7 @@ BOOT_UP = 0x700
 """COB-ID of a boot-up message, plus the node's id (CiA 301)."""
 SDO_ABORT = 0x80
 """Command byte of an SDO abort (CiA 301)."""
+_RIGHT_EDS = "name the EDS of this device"
 MOST_DISCARDED = 10_000
 """Old frames dropped before a question: a bus that never falls silent must not hold it up."""
 
@@ -137,7 +138,9 @@ class SdoNode:
             except SdoAbortedError as error:
                 raise self._refused("read", entry, error) from error
             except KeyError as error:
-                raise AxisError(f"{self.label}: the EDS has no object {entry}") from error
+                raise AxisError(
+                    f"{self.label}: the EDS has no object {entry}: {_RIGHT_EDS}"
+                ) from error
         raise AssertionError("attempts must be positive")
 
     def upload(self, index: int, subindex: int) -> bytes:
@@ -155,11 +158,10 @@ class SdoNode:
             value = variable(self.dictionary, *address(entry)).decode_raw(data)
         except ObjectDictionaryError as error:
             raise AxisError(
-                f"{self.label}: {entry} has another size than in the EDS"
-                ": name the EDS of this device"
+                f"{self.label}: {entry} has another size than in the EDS: {_RIGHT_EDS}"
             ) from error
         if not isinstance(value, int | float):
-            raise AxisError(f"{self.label}: {entry} is no number: name the EDS of this device")
+            raise AxisError(f"{self.label}: {entry} is no number: {_RIGHT_EDS}")
         return value
 
     def write(self, entry: Entry, value: int) -> None:
@@ -173,9 +175,11 @@ class SdoNode:
         except SdoAbortedError as error:
             raise self._refused(f"write {value} to", entry, error) from error
         except KeyError as error:
-            raise AxisError(f"{self.label}: the EDS has no object {entry}") from error
+            raise AxisError(f"{self.label}: the EDS has no object {entry}: {_RIGHT_EDS}") from error
         except ValueError as error:
-            raise AxisError(f"{self.label}: {value} does not fit into {entry}: {error}") from error
+            raise AxisError(
+                f"{self.label}: {value} does not fit into {entry} ({error}): correct the value"
+            ) from error
 
     def write_checked(self, entry: Entry, value: int) -> None:
         """Write an entry, read it back, and refuse a device that kept another value."""
@@ -199,7 +203,10 @@ class SdoNode:
 
     def _refused(self, verb: str, entry: Entry, error: Exception) -> AxisError:
         named = describe_entry(entry, self.dictionary)
-        return AxisError(f"{self.label} refuses to {verb} {named}: {error}")
+        return AxisError(
+            f"{self.label} refuses to {verb} {named}: {error}: "
+            f"see the device's manual, or {_RIGHT_EDS}"
+        )
 
 
 def _text(value: float) -> str:

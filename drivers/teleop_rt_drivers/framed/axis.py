@@ -126,7 +126,7 @@ class FramedAxis:
         if self._timing is not None:
             return self._timing
         if not isinstance(self._config, SerialDeviceConfig):
-            raise AxisError("only an operator's device answers with a force")
+            raise AxisError("only an operator's device answers with a force: name the rig of one")
         return timing_of(serial_transport(self._config, self._rig), self._rig)
 
     def configure(self) -> None:
@@ -138,7 +138,7 @@ class FramedAxis:
         self._await_frames()
         if self._drive is not None and self._drive.faulty:
             said = f" ({self._drive.complaint})" if self._drive.complaint else ""
-            raise AxisError(f"the drive reports a fault{said}: clear it as its manual says")
+            raise AxisError(f"the drive reports a fault{said}: clear it by its manual")
         self._configured = True
 
     def listen(self) -> None:
@@ -268,7 +268,7 @@ class FramedAxis:
         Raises AxisError where the drive takes positions.
         """
         if not isinstance(self._drive, ForceDrive):
-            raise AxisError("the drive takes positions: an operator's device is driven by force")
+            raise AxisError("the drive takes positions: take a format that sends a force")
         if self._configured:
             most = self._rig.limits.force_max
             self._drive.push(max(-most, min(most, force)) if math.isfinite(force) else force)

@@ -45,7 +45,9 @@ def load_dbc(name: str) -> dict[str, Message]:
         text = read_description(path, f"DBC {name!r}").decode("cp1252", "replace")
         database = load_string(text, database_format="dbc")
     except (Error, ValueError, KeyError, UnicodeDecodeError) as error:
-        raise AxisError(f"{path}{_place(path, error)}: is no DBC: {error}") from error
+        raise AxisError(
+            f"{path}{_place(path, error)}: is no DBC: {error}: correct it, or name another file"
+        ) from error
     return {message.name: message for message in database.messages}  # type: ignore[union-attr]
 
 
@@ -150,7 +152,9 @@ class DbcMessage:
             place = self._fields[self.source.slot(name)]
             self._function, size = checksum(checks.checksum.kind)
             if place.bits != 8 or place.shift % 8 or size != 1:
-                raise AxisError(f"{self.source.name}.{name}: a checksum must be one whole byte")
+                raise AxisError(
+                    f"{self.source.name}.{name}: a checksum must be one whole byte: correct the DBC"
+                )
             byte = place.shift // 8
             self._checksum_byte = byte if place.little else self._length - 1 - byte
 

@@ -237,7 +237,7 @@ def load_format(name: str) -> Format:
         raise AxisError(f"frame format: {error}") from None
     kind = document.data.get("kind") if isinstance(document.data, dict) else None
     if kind not in _KINDS:
-        raise AxisError(f"{document.place(('kind',))}: kind: {kind!r} is neither binary nor text")
+        raise AxisError(f"{document.place(('kind',))}: kind: {kind!r}: write binary or text")
     try:
         return _KINDS[kind].model_validate(document.data)
     except ValidationError as error:

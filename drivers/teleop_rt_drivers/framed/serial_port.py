@@ -65,7 +65,9 @@ class SerialPort:
         if config.command_format is not None:
             command = load_format(config.command_format)
             if not isinstance(command, BinaryFormat):
-                raise AxisError(f"port {name}: a command must be of the binary kind")
+                raise AxisError(
+                    f"port {name}: a command must be binary: name a format with `kind: binary`"
+                )
             self._packer = BinaryPacker(command)
             self.commands[name] = Source(name, self._packer.fields)
 

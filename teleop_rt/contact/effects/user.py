@@ -47,7 +47,9 @@ def load_file(path: Path) -> tuple[Effect, ...]:
     try:
         exec(compile(path.read_bytes(), path, "exec"), module.__dict__)  # noqa: S102 - see above
     except Exception as error:
-        raise EffectError(f"{path}: {type(error).__name__}: {error}") from error
+        raise EffectError(
+            f"{path}: {type(error).__name__}: {error}: correct it until Python runs it"
+        ) from error
     return checked(str(path), getattr(module, "EFFECTS", None))
 
 
@@ -67,7 +69,7 @@ def installed() -> tuple[Effect, ...]:
 def checked(place: str, declared: object) -> tuple[Effect, ...]:
     """Return the declarations if each is sound and its step runs; raises EffectError."""
     if not isinstance(declared, tuple | list) or not declared:
-        raise EffectError(f"{place}: EFFECTS must be a tuple of Effect declarations")
+        raise EffectError(f"{place}: no tuple of effects: write EFFECTS = (Effect(...),)")
     taken = {(effect.name, effect.law) for effect in LIBRARY}
     for effect in declared:
         if not isinstance(effect, Effect):
@@ -84,9 +86,13 @@ def checked(place: str, declared: object) -> tuple[Effect, ...]:
                 np.zeros(max(1, effect.state_size)), 1e-3, 1e-2, 0.1, 0.5, 1e-3, eta
             )
         except Exception as error:
-            raise EffectError(f"{place}: the step of {effect.name} fails: {error}") from error
+            raise EffectError(
+                f"{place}: the step of {effect.name} fails: {error}: correct it for numbers"
+            ) from error
         if not np.isfinite(value):
-            raise EffectError(f"{place}: the step of {effect.name} gives {value} at its start")
+            raise EffectError(
+                f"{place}: the step of {effect.name} starts with {value}: return a finite number"
+            )
     return tuple(declared)
 
 
@@ -107,6 +113,6 @@ def _refuse_misspelt(place: str, effect: Effect) -> None:
         effect.sentence.format(**dict.fromkeys(names, ""))
     except (KeyError, IndexError, ValueError) as error:
         raise EffectError(
-            f"{place}: the sentence of {effect.name} cannot be filled in: {error!r}; it may name"
+            f"{place}: the sentence of {effect.name} cannot be filled in: {error!r}; name only"
             f" {', '.join(f'{{{name}}}' for name in names)}, without a format"
         ) from None

@@ -46,7 +46,9 @@ def read(path: Path, library: tuple[Effect, ...] = LIBRARY) -> tuple[FittedEffec
     """Return the effects of an extended model; raises ExtendedModelError."""
     loaded = yaml.safe_load(path.read_text())
     if not isinstance(loaded, dict) or set(loaded) != {"base", "effects"}:
-        raise ExtendedModelError(f"{path}: expected the keys base and effects")
+        raise ExtendedModelError(
+            f"{path}: expected the keys base and effects: give a model that `diagnose` has written"
+        )
     return tuple(
         fitted_effect(
             str(path), entry.get("name"), entry.get("law", ""), entry.get("parameters", {}), library

@@ -250,5 +250,5 @@ def free_port(host: str, port: int) -> int:
             reason = os.strerror(error.errno)
             message = f"--port {port}: {reason}: choose another, or 0 for any"
         else:
-            message = f"--host {host}: is no address of this machine"
+            message = f"--host {host}: is no address of this machine: choose another, or 127.0.0.1"
         raise RecordingError(message) from None
