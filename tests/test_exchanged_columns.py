@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from teleop_rt.offline.exchanged import exchanged
+from teleop_rt.offline.exchanged import exchange_note
 from teleop_rt.recordings.recording import from_arrays
 
 DATA = Path(os.environ.get("TELEOP_RT_DATA", "/nowhere"))
@@ -22,7 +22,7 @@ def pressed(*, above=0.004, noise=0.05):
 
 
 def hint(time_s, position, force):
-    return exchanged(from_arrays("table", time_s, position, force))
+    return exchange_note(from_arrays("table", time_s, position, force))
 
 
 @pytest.mark.parametrize("above", [0.004, 0.0, -0.003])

@@ -103,7 +103,7 @@ class MixedConfig(AxisConfig):
 
 
 @kernel
-def join(
+def join_samples(
     positions: StoredSample,
     forces: StoredSample,
     drives: StoredSample,
@@ -188,7 +188,7 @@ class MixedAxis:
         """Fill this sample from now on."""
         self._sample = sample
         read = self._position, self._force, self._drive
-        self._join = bound(join, tuple(one.stored for one in (*read, sample)), 0, 0, 0)
+        self._join = bound(join_samples, tuple(one.stored for one in (*read, sample)), 0, 0, 0)
 
     def watch(self, seconds: float) -> None:
         """Wait so long, and note the time of each arrival meanwhile."""

@@ -96,7 +96,7 @@ def averaged_body(path: Vector, weights: Vector, first: int, place: float) -> tu
 
 
 @kernel
-def unexplained(sums: Vector) -> float:
+def squared_residual(sums: Vector) -> float:
     """Return the squares that force = c + k depth + b speed leaves, k and b not below zero.
 
     sums (10,): of 1, depth, speed, force and their products, in the order of `fit_error`.
@@ -147,7 +147,7 @@ def fit_error(
         sums[7], sums[8], sums[9] = (
             sums[7] + depth * f, sums[8] + speed * f, sums[9] + f * f,
         )  # fmt: skip
-    return unexplained(sums)
+    return squared_residual(sums)
 
 
 @kernel

@@ -127,7 +127,7 @@ def judge(state: index.BankState) -> None:
         else:
             judge_row(state, r, settled, settled, m[index.MF])
     if not (settled or (only_free and free_settled)):
-        watch.interrupt(state.watch)
+        watch.end_stretch(state.watch)
         return
     force = m[index.M_FREE] if only_free else m[index.MF]
     state.q[index.LEAST_FORCE] = min(state.q[index.LEAST_FORCE], force)
@@ -149,7 +149,7 @@ def watch_over(state: index.BankState, force: float) -> None:
     """
     chosen = int(state.choice[selection.SELECTED])
     if chosen < 0 or state.records[chosen, selection.HAS_FROZEN] == 0.0:
-        watch.interrupt(state.watch)
+        watch.end_stretch(state.watch)
         return
     watch.turn_to(state.watch, chosen)
     q, resolution = state.q, state.detection[detection.RESOLUTION]
@@ -241,7 +241,7 @@ def skip(state: index.BankState, ticks: int) -> None:
 
 
 @kernel
-def keep(one: index.StateArray, signals: Vector, theta: Matrix, status: Codes) -> None:
+def write_trace_row(one: index.StateArray, signals: Vector, theta: Matrix, status: Codes) -> None:
     """Write the present state to one row of a trace: see `run_ticks`."""
     state = one[0]
     known = state.detector[detection.SURFACE_KNOWN] > 0.0
@@ -298,4 +298,4 @@ def run_ticks(
             estimate(one[0], whole)
         if recorded > 0 and (i + 1) % decimate == 0:
             k = (i + 1) // decimate - 1
-            keep(one, signals[k], theta[k], status[k])
+            write_trace_row(one, signals[k], theta[k], status[k])

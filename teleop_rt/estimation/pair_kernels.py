@@ -100,7 +100,9 @@ def count_lost(pairs: Pairs, stamp_ns: int) -> None:
 
 
 @kernel
-def meet(pairs: Pairs, stamps: Counts, positions: Vector, wanted_ns: int, force: float) -> int:
+def interpolate_position(
+    pairs: Pairs, stamps: Counts, positions: Vector, wanted_ns: int, force: float
+) -> int:
     """Interpolate the position of a time; there is none where it is older than all kept."""
     size, later = len(stamps), pairs.newest
     for back in range(1, pairs.count):
@@ -139,7 +141,7 @@ def take_next(
     if pairs.averages > 0:
         pairs.next_ns, pairs.force = wanted_ns, met
         return TO_AVERAGE
-    return meet(pairs, stamps, positions, wanted_ns, met)
+    return interpolate_position(pairs, stamps, positions, wanted_ns, met)
 
 
 @kernel
@@ -180,7 +182,7 @@ def take_even(
         return NOTHING
     share = (wanted_ns - times[at]) / (times[then] - times[at])
     met = forces[at] + share * (forces[then] - forces[at])
-    return meet(pairs, stamps, positions, wanted_ns, met)
+    return interpolate_position(pairs, stamps, positions, wanted_ns, met)
 
 
 @kernel

@@ -16,7 +16,7 @@ from teleop_rt.estimation import rows as row_kinds
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.contact_found import Contact, contact_of, surface_reason
 from teleop_rt.estimation.corrections import Corrections
-from teleop_rt.estimation.cycle import keep, run_ticks, sense_tick, skip
+from teleop_rt.estimation.cycle import run_ticks, sense_tick, skip, write_trace_row
 from teleop_rt.estimation.estimates import Places, StoredPlaces, new_places, write_estimate
 from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.layout import STATUS_NAMES
@@ -220,7 +220,7 @@ class Pipeline:
             self.update(position, force, bool(ok))
             if (i + 1) % decimate == 0:
                 k = (i + 1) // decimate - 1
-                keep(self._one, *(rows[k] for rows in kept))
+                write_trace_row(self._one, *(rows[k] for rows in kept))
 
     @property
     def stored(self) -> StateArray:

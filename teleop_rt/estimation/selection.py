@@ -115,11 +115,11 @@ def best_to_stream(records: Matrix, possible: Flags, noise: float, dt: float) ->
     if best < 0 or whole < 0:
         return best
     least, rival = math.sqrt(records[best, ERROR_POWER]), math.sqrt(records[whole, ERROR_POWER])
-    return whole if alike(least, rival, noise) else best
+    return whole if no_better(least, rival, noise) else best
 
 
 @kernel
-def alike(error: float, larger: float, noise: float) -> bool:
+def no_better(error: float, larger: float, noise: float) -> bool:
     """Return whether a force error is no better than a larger one in any way that counts."""
     return error > ADVANTAGE * larger or larger - error < 0.5 * noise
 
@@ -149,7 +149,7 @@ def choose(
     error = math.sqrt(records[selected, ERROR_POWER])
     rival = math.sqrt(records[best, ERROR_POWER])
     scored = records[selected, COMPARED] * dt >= LEAST_SCORED_S
-    if possible[selected] >= possible[best] and (not scored or alike(rival, error, noise)):
+    if possible[selected] >= possible[best] and (not scored or no_better(rival, error, noise)):
         choice[RIVAL_TICKS] = 0.0
         return
     if int(choice[RIVAL]) != best:

@@ -76,7 +76,7 @@ def predict(z: Vector, p: Matrix, settings: Vector, seen: bool) -> None:
 
 
 @kernel
-def forget(p: Matrix, dt: float) -> None:
+def add_process_noise(p: Matrix, dt: float) -> None:
     """Increase the uncertainty of k and b by a tick, up to that before any estimate."""
     grown = math.sqrt(1.0 + dt / MEMORY_S)
     for j in range(C):
@@ -125,7 +125,7 @@ def follow(
     if s[PRESSED_S] > SETTLING_S:
         h[K], h[B], h[C], h[RATE] = s[X], (s[X] - before) / dt, 1.0, 0.0
         h[GROWING] = h[B] * s[F] / (REFERENCE * settings[LEAST_FORCE]) if curved else 0.0
-        forget(p, dt)
+        add_process_noise(p, dt)
         error = correct(z, p, h, ph, s[F])
         s[CONTACT_S] += dt
         s[PEAK] = max(s[F], s[PEAK] * (1.0 - dt / MEMORY_S))

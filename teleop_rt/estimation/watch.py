@@ -86,7 +86,7 @@ def listen(watch: Vector, force: float) -> None:
 
 
 @kernel
-def interrupt(watch: Vector) -> None:
+def end_stretch(watch: Vector) -> None:
     """End a stretch of contact: a block does not reach over a gap."""
     watch[SUM] = watch[COUNT] = watch[HAS_BEFORE] = 0.0
 
@@ -97,7 +97,7 @@ def turn_to(watch: Vector, row: int) -> None:
     if watch[WATCHED] != row:
         watch[WATCHED] = row
         watch[POWER] = watch[PRODUCT] = watch[BLOCKS] = 0.0
-        interrupt(watch)
+        end_stretch(watch)
 
 
 @kernel

@@ -37,7 +37,7 @@ def new_model() -> StoredModel:
     return np.zeros(1, np.dtype((np.record, _MODEL)))
 
 
-def new_state() -> StoredState:
+def new_state_body() -> StoredState:
     """Return the body of a state (1,), all zeros: its bytes are those of `codec.encode`."""
     return np.zeros(1, np.dtype((np.record, _STATE)))
 

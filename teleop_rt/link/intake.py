@@ -14,8 +14,8 @@ from teleop_rt.kernels.jit import kernel, shared
 from teleop_rt.link import codec
 from teleop_rt.link.messages import Kind
 from teleop_rt.link.noise import TAG_BYTES
-from teleop_rt.link.peer_clock import FARTHEST_NS, TRANSIT, UNDATED, age_of, exchange
-from teleop_rt.link.session import add, problem_of
+from teleop_rt.link.peer_clock import FARTHEST_NS, TRANSIT, UNDATED, age_of, match_round_trip
+from teleop_rt.link.session import add, problem_code
 from teleop_rt.link.statistics import (
     LATE,
     LOST,
@@ -165,7 +165,7 @@ def is_expected(
     return (
         link[SESSION] == session
         and kinds >> link[KIND] & 1 == 1
-        and problem_of(window, link[SEQUENCE]) == 0
+        and problem_code(window, link[SEQUENCE]) == 0
     )
 
 
@@ -259,7 +259,7 @@ def take_stamps(link: Whole, clock: Whole, statistics: Whole, now_ns: int) -> in
     if link[_ECHO] == 0:
         return FINE
     received_ns = stamp_ns - link[_HELD]
-    round_trip_ns = exchange(clock, link[_ECHO], received_ns, stamp_ns, now_ns)
+    round_trip_ns = match_round_trip(clock, link[_ECHO], received_ns, stamp_ns, now_ns)
     if round_trip_ns < 0:
         return _ECHO_PROBLEM
     note_round_trip(statistics, round_trip_ns)

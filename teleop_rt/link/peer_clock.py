@@ -54,7 +54,7 @@ FARTHEST_NS = 1 << 60
 
 
 @kernel
-def exchange(
+def match_round_trip(
     clock: Whole, sent_ns: int, peer_received_ns: int, peer_sent_ns: int, now_ns: int
 ) -> int:
     """Take in a round trip, as `PeerClock.exchange` does."""
@@ -182,7 +182,7 @@ class PeerClock:
 
         A negative length is no round trip, and nothing was learnt from it.
         """
-        return exchange(self.words, sent_ns, peer_received_ns, peer_sent_ns, now_ns)
+        return match_round_trip(self.words, sent_ns, peer_received_ns, peer_sent_ns, now_ns)
 
     def age_ns(self, stamp_ns: int, now_ns: int) -> int | None:
         """Return how old a message is beyond the link's own time; None where it cannot be.

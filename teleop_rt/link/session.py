@@ -28,7 +28,7 @@ _NEWEST, _COUNT, _SEEN = range(3)
 
 
 @kernel
-def problem_of(window: NDArray[np.int64], sequence: int) -> int:
+def problem_code(window: NDArray[np.int64], sequence: int) -> int:
     """Return 0, or the place in _PROBLEMS of a number's error."""
     if sequence < 0 or sequence <= window[_NEWEST] - REPLAY_WINDOW:
         return 1  # one that reads as negative is 2^63 or more: no sender counts so far
@@ -70,7 +70,7 @@ class ReplayWindow:
 
     def check(self, sequence: int) -> None:
         """Raise MessageError for a number seen before, or too old to know."""
-        if problem := problem_of(self.words, sequence):
+        if problem := problem_code(self.words, sequence):
             raise MessageError(_PROBLEMS[problem])
 
     def add(self, sequence: int) -> None:

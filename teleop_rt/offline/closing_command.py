@@ -23,7 +23,7 @@ from teleop_rt.offline.closing import close_loop
 from teleop_rt.offline.closing_files import Files, close_recordings
 from teleop_rt.offline.commands import print_draft, print_effects
 from teleop_rt.offline.find import refuse_itself
-from teleop_rt.offline.phases import phases
+from teleop_rt.offline.phases import phases_of_command
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.folder import (
@@ -77,7 +77,7 @@ def close_and_print(
     """
     begun, residuals = time.perf_counter(), None
     interruptions_before = interruptions()
-    with phases("diagnosis", quiet=as_json) as shown:
+    with phases_of_command("diagnosis", quiet=as_json) as shown:
         if asked.trial_file is not None and asked.recording is None and asked.test is None:
 
             def run_shown(trial_file: Path, changes: list[str], clock: Clock, into: Path) -> Any:

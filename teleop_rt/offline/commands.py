@@ -21,7 +21,7 @@ from teleop_rt.offline.table import Table
 from teleop_rt.offline.work import Diagnosing, Replaying
 from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.table import estimator_lines
-from teleop_rt.view.style import in_words, parameter
+from teleop_rt.view.style import effect_in_words, parameter
 
 _ORDER = "; estimators: selected on-line (*), then identified, then the others, each by NRMSE"
 _SHOWN_ROWS = 5
@@ -91,7 +91,7 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
         )
         text = f"  {effect['name']} ({effect['belongs_to']}): {values}"
         console.print(text, highlight=False, soft_wrap=True)
-        words = f"    {in_words(effect)}{_evidence(effect, answer['probability'])}"
+        words = f"    {effect_in_words(effect)}{_evidence(effect, answer['probability'])}"
         console.print(words, highlight=False, soft_wrap=True)
     if len(answer["class"]) > 1:
         sets = "; or ".join(" + ".join(names) for names in answer["class"])

@@ -29,7 +29,7 @@ _ONLY_THERE = 0.9
 """Share of the samples below the surface in which the other signal rests."""
 
 
-def exchanged(recording: Recording) -> str | None:
+def exchange_note(recording: Recording) -> str | None:
     """Return the note that position and force seem to be exchanged, None where nothing shows it.
 
     In free air the force rests at its noise while the tool moves, and no other signal shows this:

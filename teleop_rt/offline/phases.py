@@ -60,7 +60,7 @@ class Phases:
 
 
 @contextmanager
-def phases(between: str, *, quiet: bool) -> Iterator[Phases]:
+def phases_of_command(between: str, *, quiet: bool) -> Iterator[Phases]:
     """Give the phases of a command, and hear those of a diagnosis meanwhile."""
     shown = Phases(between, quiet=quiet)
     listener: Callable[[str], None] = shown.heard

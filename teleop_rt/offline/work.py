@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.errors import ExpectedError
 from teleop_rt.offline.drafting import write_draft
-from teleop_rt.offline.exchanged import exchanged
+from teleop_rt.offline.exchanged import exchange_note
 from teleop_rt.offline.find import digest_of, refuse_itself
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay, write_trace
@@ -132,7 +132,7 @@ class Diagnosing:
             unseen = load_any(recording_of(self.test), self.table)
             refuse_other_units(unseen, loaded)
         # Before the diagnosis, which takes as much memory as an hour's columns, and needs a part.
-        hints = (exchanged(loaded), weak_force(loaded) if path.suffix != ".mcap" else None)
+        hints = (exchange_note(loaded), weak_force(loaded) if path.suffix != ".mcap" else None)
         loaded, _ = most_active(loaded)
         found = diagnose(
             loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface

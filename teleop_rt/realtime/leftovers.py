@@ -65,7 +65,7 @@ def owner(name: str, prefix: str = "") -> int | None:
     return int(found[1]) if found else None
 
 
-def sweep(folder: Path, prefix: str) -> None:
+def remove_leftovers(folder: Path, prefix: str) -> None:
     """Remove the folders `<prefix><pid>-...` whose process has ended, as far as that is allowed."""
     for path in folder.glob(f"{prefix}*"):
         process = owner(path.name, prefix)

@@ -15,7 +15,7 @@ from typing import Protocol
 
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.columns import Rows
-from teleop_rt.realtime.leftovers import shared_folder, sweep
+from teleop_rt.realtime.leftovers import remove_leftovers, shared_folder
 from teleop_rt.realtime.ring import RingReader, RingWriter
 from teleop_rt.realtime.state_file import found, leave
 from teleop_rt.signals import Signal
@@ -43,7 +43,7 @@ def new_ring_folder() -> Iterator[Path]:
     Those of processes that were killed are removed before. Raises SharedMemoryError.
     """
     place = shared_folder()
-    sweep(place, PREFIX)
+    remove_leftovers(place, PREFIX)
     with _room_in(place):
         folder = tempfile.TemporaryDirectory(
             prefix=f"{PREFIX}{os.getpid()}-", dir=place, ignore_cleanup_errors=True

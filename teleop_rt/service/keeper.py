@@ -62,7 +62,7 @@ class Restarts:
         pause_s = PAUSES_S[min(self._in_a_row, len(PAUSES_S) - 1)]
         self._in_a_row += 1
         self.count += 1
-        self._last_end = in_words(code)
+        self._last_end = end_in_words(code)
         state = self._leave()
         event = {"event": "restart", "stamp_ns": time.monotonic_ns(), **state, "pause_s": pause_s}
         print(json.dumps(event), file=sys.stderr, flush=True)
@@ -108,7 +108,7 @@ def name_of(helper: str) -> str:
     return f"{helper}-keeper"
 
 
-def in_words(code: int) -> str:
+def end_in_words(code: int) -> str:
     """Return how a process ended, by its exit code."""
     return f"killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
 

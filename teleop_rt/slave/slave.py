@@ -15,7 +15,7 @@ from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation.contact_found import Contact
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.kernels.jit import bound
-from teleop_rt.link.bodies import new_state
+from teleop_rt.link.bodies import new_state_body
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.messages import Kind
 from teleop_rt.realtime.ring import RingWriter
@@ -98,7 +98,7 @@ class Slave:
         """Allocate a tick's outputs: its recorded row and the message on its state."""
         self._row = NamedRow(SLAVE)
         self._columns = self._row.values
-        self._body = new_state()
+        self._body = new_state_body()
         self._body_bytes = self._body.view(np.uint8).data
 
     def _bind_step(self) -> None:

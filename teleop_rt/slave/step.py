@@ -17,7 +17,7 @@ from teleop_rt.estimation import state as estimation
 from teleop_rt.kernels.jit import kernel
 from teleop_rt.link import intake
 from teleop_rt.link import statistics as counted
-from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state
+from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state_body
 from teleop_rt.realtime.lateness import ON_HARDWARE, PERIOD_NS, Counts, Lateness, late_ns
 from teleop_rt.realtime.row import NamedRow, StoredRow
 from teleop_rt.signals import SLAVE
@@ -61,7 +61,7 @@ def look_at_contact(tick: Tick, bank: estimation.BankState) -> None:
 
 
 @kernel
-def hear(tick: Tick, motion: Any) -> None:
+def read_motion(tick: Tick, motion: Any) -> None:
     """Take over the master's newest motion; its own number of a contact may be any."""
     tick.has_motion = motion.known
     if tick.has_motion == 0:
@@ -211,7 +211,7 @@ def decide(
         take_in(tick, samples[0])
         look_at_contact(tick, estimators[0])
         tick.silence_ns = intake.silence_of(end, tick.now_ns)
-        hear(tick, motion[0])
+        read_motion(tick, motion[0])
         tick.led = is_led(tick)
         if tick.late_ns >= tick.runs_out_ns:
             tick.command_velocity = 0.0
@@ -232,6 +232,6 @@ def compile_step() -> None:
     late = Lateness(ON_HARDWARE, 1_000_000).record
     record, row, link = TickRecord(), NamedRow(SLAVE).stored, counted.Statistics().words
     motion, end = NewestMotion().stored, intake.new_words(0, 0)
-    state, body = estimation.new_state()[0], new_state()
+    state, body = estimation.new_state()[0], new_state_body()
     decide(record.stored, Sample().stored, state, late, late, link, end, motion, row, body, LEAD)
     stand_at(record.tick, 0.0)

@@ -47,7 +47,7 @@ def take_in(tick: Tick, sample: SampleFields) -> None:
 
 
 @kernel
-def unexplained(tick: Tick, force: float, velocity: float) -> float:
+def beyond_friction(tick: Tick, force: float, velocity: float) -> float:
     """Return a force on the guide less the friction at this velocity [rig unit].
 
     Coulomb and viscous friction between the drive and the force sensor.
@@ -96,7 +96,9 @@ def drive_mismatch(tick: Tick, position: float, velocity: float) -> int:
             return _POSITION_MISMATCH
     if tick.has_drive_force > 0:
         guide = tick.drive_force - tick.load - tick.force
-        tick.mismatch += tick.mismatch_gain * (unexplained(tick, guide, velocity) - tick.mismatch)
+        tick.mismatch += tick.mismatch_gain * (
+            beyond_friction(tick, guide, velocity) - tick.mismatch
+        )
         if not abs(tick.mismatch) <= tick.mismatch_max:
             return _FORCE_MISMATCH
     return 0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from teleop_rt.estimation import algebraic as algebraic_method
 from teleop_rt.estimation.bank import Bank
 from teleop_rt.ids import REGRESSIONS, SOLVERS
-from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, PenetrationMotion, Sine, force
+from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, PenetrationMotion, Sine, plant_force
 
 Matrix = NDArray[np.float64]
 Signal = NDArray[np.float64]
@@ -52,7 +52,7 @@ def simulate(case: dict[str, Any]) -> dict[str, Any]:
     """Run all methods of one case; `_result` describes the values of each."""
     model = case["model"]
     motion = Sine(case["frequency_hz"], duration_s=case["duration_s"]).samples()
-    measured = force(model, TRUTH[model], motion)
+    measured = plant_force(model, TRUTH[model], motion)
     theta = estimates(model, motion, measured)
     kept = np.unique(np.geomspace(1, motion.t.size, _KEPT).astype(int)) - 1
     return {
@@ -131,8 +131,8 @@ def _result(
     final = dict(zip(names, theta[-1].tolist(), strict=True))
     online = dict(zip(names, theta.T, strict=True))
     errors = {
-        "nrmse_online": measured - force(model, online, motion),
-        "nrmse": measured - force(model, final, motion),
+        "nrmse_online": measured - plant_force(model, online, motion),
+        "nrmse": measured - plant_force(model, final, motion),
     }
     return {
         "final": final,

@@ -49,7 +49,9 @@ class Sine:
         return self.at(np.arange(round(self.duration_s * RATE_HZ)) / RATE_HZ)
 
 
-def force(model: str, truth: Mapping[str, float | Signal], motion: PenetrationMotion) -> Signal:
+def plant_force(
+    model: str, truth: Mapping[str, float | Signal], motion: PenetrationMotion
+) -> Signal:
     """Return the force (n,) of Kelvin-Voigt (2.1), with a mass (2.3), or Hunt-Crossley (2.4)."""
     if model == "hunt-crossley":
         depth = np.maximum(motion.x, 0.0)
@@ -70,7 +72,7 @@ class SensorErrors:
     ) -> tuple[Signal, Signal]:
         """Return position and force (n,) as they are measured."""
         motion = profile.samples()
-        late = force(model, truth, profile.at(motion.t - self.lag_s))
+        late = plant_force(model, truth, profile.at(motion.t - self.lag_s))
         noise = np.random.default_rng(seed).normal(size=late.size)
         position = motion.x
         if self.resolution > 0.0:

@@ -33,7 +33,7 @@ from teleop_rt.study.chapter4_plant import (
     SensorErrors,
     Signal,
     Sine,
-    force,
+    plant_force,
 )
 from teleop_rt.trial.bench import OpenBench
 from teleop_rt.trial.estimators import pipeline_settings
@@ -164,7 +164,7 @@ def _predicted(model: str, values: dict[str, Any], trace: Trace) -> Signal:
     x, v = trace.signals[:, 3], trace.signals[:, 4]
     # Before a row is estimated its parameters may be anything.
     with np.errstate(over="ignore", invalid="ignore"):
-        return force(model, values, PenetrationMotion(x, x, v, np.zeros_like(v)))
+        return plant_force(model, values, PenetrationMotion(x, x, v, np.zeros_like(v)))
 
 
 def _turning(

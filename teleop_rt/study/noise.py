@@ -15,7 +15,7 @@ from teleop_rt.estimation.bank import Bank
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.report import report
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, SensorErrors, Sine, force
+from teleop_rt.study.chapter4_plant import RATE_HZ, TRUTH, SensorErrors, Sine, plant_force
 
 _FINEST_M, _QUIETEST_N = 1e-7, 1e-4
 """Least resolution and noise that the settings state: an ideal sensor would make weights of 0."""
@@ -83,7 +83,7 @@ def hidden_damping(
     """
     truth = TRUTH["hunt-crossley"]
     motion = Sine(3.0, 0.005, 0.002, duration_s).samples()
-    clean = force("hunt-crossley", truth, motion)
+    clean = plant_force("hunt-crossley", truth, motion)
     phi = np.column_stack([np.ones_like(clean), motion.v, np.log(motion.x / 5e-3)]) * clean[:, None]
 
     def damping(measured: np.ndarray[Any, np.dtype[np.float64]]) -> float:

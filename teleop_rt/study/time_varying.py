@@ -12,7 +12,7 @@ import numpy as np
 from teleop_rt.estimation.pipeline import Pipeline
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.estimation.tracking import tracking_delay
-from teleop_rt.study.chapter4_plant import Signal, Sine, force
+from teleop_rt.study.chapter4_plant import Signal, Sine, plant_force
 from teleop_rt.study.noise import settings_for
 
 NOISE_N, RESOLUTION_M, DAMPING = 0.05, 5e-6, 20.0
@@ -55,7 +55,7 @@ def evaluate(case: dict[str, Any]) -> dict[str, Any]:
     motion = Sine(case["frequency_hz"], duration_s=case["duration_s"]).samples()
     k = stiffness(motion.t, case["ramp_s"], case["duration_s"])
     noise = np.random.default_rng(case["seed"]).normal(size=k.size)
-    measured = force("kelvin-voigt", {"k": k, "b": DAMPING}, motion) + NOISE_N * noise
+    measured = plant_force("kelvin-voigt", {"k": k, "b": DAMPING}, motion) + NOISE_N * noise
     position = np.round(motion.x / RESOLUTION_M) * RESOLUTION_M
     settings = replace(
         settings_for(NOISE_N, RESOLUTION_M), forgetting_factor=case["forgetting_factor"]

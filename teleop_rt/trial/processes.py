@@ -18,7 +18,7 @@ from typing import IO, Any
 from teleop_rt.errors import ExpectedError
 from teleop_rt.interrupts import deferred_interrupts
 from teleop_rt.realtime.scheduling import keep_off
-from teleop_rt.service.keeper import in_words, keep
+from teleop_rt.service.keeper import end_in_words, keep
 from teleop_rt.trial.forked import Forked
 
 _READY_TIMEOUT_S = 300.0
@@ -166,7 +166,7 @@ class TrialProcesses:
         if child.name == self._leader and "done" in child.events and code == 0:
             return
         problem = child.events.get("problem", {})
-        how = "does not end" if code is None else in_words(code)
+        how = "does not end" if code is None else end_in_words(code)
         message = problem.get("message") or f"{how}; see {self._log.name}"
         raise ProcessFailedError(f"{child.name}: {message}", 2 if code == 2 else 1)
 

@@ -85,7 +85,7 @@ def _effect(entry: dict[str, Any], verdict: str) -> str:
     undecided = f"If it is {_names([entry['name']])}: " if verdict == "class" else ""
     treatment = str(entry["compensation"]).replace("_", " ")
     belongs = f"It belongs to the {entry['belongs_to']}; on-line: {treatment}."
-    return f"{undecided}{style.in_words(entry)} {belongs}"
+    return f"{undecided}{style.effect_in_words(entry)} {belongs}"
 
 
 def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:

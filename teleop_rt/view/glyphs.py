@@ -120,7 +120,7 @@ def _spikes(plot: figure, panel: Panel) -> None:
     )
 
 
-def sources_of(chart: Chart) -> Sources:
+def curve_sources(chart: Chart) -> Sources:
     """Return source and column of each curve; curves over one array of x share a source."""
     groups: dict[int, list[Curve]] = {}
     for panel in chart.panels:
@@ -129,23 +129,23 @@ def sources_of(chart: Chart) -> Sources:
     found = {}
     for curves in groups.values():
         kept = kept_rows([curve.y for curve in curves], _MOST_ROWS)
-        data: dict[str, Any] = {"x": as_sent(curves[0].x[kept])}
+        data: dict[str, Any] = {"x": as_page_values(curves[0].x[kept])}
         source = ColumnDataSource()
         for place, curve in enumerate(curves):
             column = f"y{place}"
-            data[column] = as_sent(curve.y[kept])
+            data[column] = as_page_values(curve.y[kept])
             if curve.band is not None:
-                data[f"{column} low"] = as_sent((curve.y - curve.band)[kept])
-                data[f"{column} high"] = as_sent((curve.y + curve.band)[kept])
+                data[f"{column} low"] = as_page_values((curve.y - curve.band)[kept])
+                data[f"{column} high"] = as_page_values((curve.y + curve.band)[kept])
             if curve.bar_width is not None:
-                data["width"] = as_sent(curve.bar_width[kept])
+                data["width"] = as_page_values(curve.bar_width[kept])
             found[id(curve)] = source, column
         source.data = data
         source.tags = [[curve.label for curve in curves]]
     return found
 
 
-def as_sent(values: Array) -> NDArray[np.float32]:
+def as_page_values(values: Array) -> NDArray[np.float32]:
     """Return values as the page holds them: seven digits, half the size.
 
     A deviation that the data do not determine may be larger than such a number; it is infinite.

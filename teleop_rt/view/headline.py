@@ -12,7 +12,7 @@ from teleop_rt.view.delay import Delays
 from teleop_rt.view.html import Tile
 from teleop_rt.view.quantities import small_position
 from teleop_rt.view.run_folder import Run
-from teleop_rt.view.style import counted, model_name, number, parameter, with_unit
+from teleop_rt.view.style import count_in_words, model_name, number, parameter, with_unit
 
 _LEAST_LAG_MS = 0.01  # of which the cross-correlation of a run says nothing more
 _MOVING = frozenset({"ARMED", "RUN", "HOLD"})
@@ -112,7 +112,7 @@ def safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
     lines = [f"last state {recorded['state']}"]
     if limited:
         lines.append(
-            f"the limiter works as intended: it kept {counted(limited, 'command')} of"
+            f"the limiter works as intended: it kept {count_in_words(limited, 'command')} of"
             f" {summary['ticks']} within the rig's limits of velocity and acceleration, where the"
             " target would have passed them"
         )

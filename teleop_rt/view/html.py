@@ -11,7 +11,7 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader
 from teleop_rt.view import style
 from teleop_rt.view.charts import Chart
 from teleop_rt.view.plots import figure_of, svg
-from teleop_rt.view.screen import screen, script
+from teleop_rt.view.screen import linked_figures, script
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ def figures_of(charts: Sequence[Chart]) -> dict[str, Any]:
     return {
         "charts": {chart.name: chart for chart in charts},
         "paper": {chart.name: svg(figure_of(chart), chart.label) for chart in charts},
-        "screen": screen(charts),
+        "screen": linked_figures(charts),
         "script": script(),
     }
 

@@ -23,7 +23,7 @@ from bokeh.resources import Resources
 from numpy.typing import NDArray
 
 from teleop_rt.view.charts import Chart, Panel, kept_rows
-from teleop_rt.view.glyphs import as_sent, draw, sources_of
+from teleop_rt.view.glyphs import as_page_values, curve_sources, draw
 from teleop_rt.view.style import IN_THE_DARK, LIGHT
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Screen:
     places: Mapping[str, Sequence[str]]
 
 
-def screen(charts: Iterable[Chart]) -> Screen:
+def linked_figures(charts: Iterable[Chart]) -> Screen:
     """Return charts as figures; those of one `linked` name move together."""
     shared: dict[str, Range1d] = {}
     roots = {chart.name: list(_figures(chart, shared)) for chart in charts}
@@ -83,7 +83,7 @@ def script() -> str:
 def _figures(chart: Chart, shared: dict[str, Range1d]) -> Iterator[figure]:
     x_range = _x_range(chart, shared)
     hair = Span(dimension="height", line_color=LIGHT.faint, line_width=0.7)
-    sources = sources_of(chart)
+    sources = curve_sources(chart)
     last = len(chart.panels) - 1
     for place, panel in enumerate(chart.panels):
         own = chart.beside and place > 0
@@ -169,7 +169,10 @@ def _strip(chart: Chart, x_range: Range1d) -> figure:
     plot.yaxis.major_tick_line_color = None
     plot.ygrid.grid_line_color = None
     plot.line(
-        x=as_sent(curve.x[kept]), y=as_sent(curve.y[kept]), color=curve.colour, line_width=0.7
+        x=as_page_values(curve.x[kept]),
+        y=as_page_values(curve.y[kept]),
+        color=curve.colour,
+        line_width=0.7,
     )
     tool = RangeTool(x_range=x_range)
     tool.overlay.fill_color, tool.overlay.fill_alpha = LIGHT.predicted, 0.2

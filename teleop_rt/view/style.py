@@ -168,7 +168,7 @@ def with_unit(value: float | None, unit: str, digits: int = 4) -> str:
     return number(value, digits) if unit == "1" else f"{number(value, digits)} {unit}"
 
 
-def counted(count: int, one: str, many: str | None = None) -> str:
+def count_in_words(count: int, one: str, many: str | None = None) -> str:
     """Return a count with its word: `1 model`, `2 models`."""
     return f"{count} {one if count == 1 else many or f'{one}s'}"
 
@@ -242,7 +242,7 @@ def _as_sure(value: float, std: float | None) -> float:
     return round(value, 1 - math.floor(math.log10(abs(std))))
 
 
-def in_words(effect: Mapping[str, Any]) -> str:
+def effect_in_words(effect: Mapping[str, Any]) -> str:
     """Return the sentence of an effect that was found, with its figures."""
     shown = {key: in_shown_unit(p) for key, p in effect["parameters"].items()}
     figures = {

@@ -13,7 +13,7 @@ from teleop_rt.contact.effects import LIBRARY, NAMES, find
 from teleop_rt.contact.effects.user import EffectError, load_file
 from teleop_rt.diagnosis.answers.extended import ExtendedModelError, read, write
 from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
-from teleop_rt.view.style import in_words
+from teleop_rt.view.style import effect_in_words
 
 VOCABULARY = {
     "contact_offset": ("environment", "kinematics"),
@@ -282,5 +282,5 @@ def test_an_extended_model_without_a_shape_is_refused(tmp_path: Path) -> None:
 def test_a_bias_of_either_sign_reads_as_what_the_sensor_shows(bias):
     effect = find("force_bias")
     shown = {"bias": {"value": bias, "std": None, "unit": "N"}}
-    words = in_words({"sentence": effect.sentence, "parameters": shown})
+    words = effect_in_words({"sentence": effect.sentence, "parameters": shown})
     assert words == f"The force sensor reads {bias:.4g} N where the force is zero."

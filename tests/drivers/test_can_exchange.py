@@ -177,21 +177,21 @@ def driven(scale: Scale, control_at: int, target_at: int) -> SourceRecord:
 def test_a_target_is_the_nearest_count_as_python_rounds_it(position, sign, per_count, offset):
     scale = Scale(per_count, sign, offset)
     record = driven(scale, 0, 2)
-    exchange.aim(record.stored, position)
+    exchange.set_target(record.stored, position)
     assert record.source.target == scale.counts(position)
 
 
 @pytest.mark.parametrize(("half", "even"), [(0.5, 0), (1.5, 2), (2.5, 2), (-0.5, 0), (-1.5, -2)])
 def test_a_target_between_two_counts_is_the_even_one(half, even):
     record = driven(Scale(1.0, 1, 0.0), 0, 2)
-    exchange.aim(record.stored, half)
+    exchange.set_target(record.stored, half)
     assert record.source.target == even == round(half)
 
 
 @pytest.mark.parametrize(("position", "target"), [(1e300, 2**31 - 1), (-1e300, -(2**31))])
 def test_a_target_beyond_what_the_object_holds_is_its_end(position, target):
     record = driven(Scale(1e-6, 1, 0.0), 0, 2)
-    exchange.aim(record.stored, position)
+    exchange.set_target(record.stored, position)
     assert record.source.target == target
 
 

@@ -191,7 +191,7 @@ def test_a_number_of_each_kind_is_what_struct_reads(kind, data):
     raw = data.draw(st.binary(min_size=8, max_size=8))
     at = data.draw(st.integers(0, 8 - size))
     (expected,) = struct.unpack_from("<" + kind, raw, at)
-    found = intake.number(in_slot(0x190, raw), 0, at, intake.kind_of(kind))
+    found = intake.number(in_slot(0x190, raw), 0, at, intake.format_code(kind))
     assert found == float(expected) or (math.isnan(found) and math.isnan(expected))
 
 
@@ -262,7 +262,7 @@ class TestDrive:
         self.settle(drive)
 
     def settle(self, drive):
-        intake.settle(drive.record.stored, Counters().words, 0)
+        intake.end_cycle(drive.record.stored, Counters().words, 0)
         drive.settle()
 
     def test_it_commands_the_actual_position_until_it_is_enabled(self):

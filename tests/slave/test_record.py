@@ -4,11 +4,11 @@ import struct
 
 import pytest
 
-from teleop_rt.link.bodies import NewestMotion, new_state
+from teleop_rt.link.bodies import NewestMotion, new_state_body
 from teleop_rt.link.codec import decode, encode
 from teleop_rt.link.messages import Kind, MotionMessage, StateMessage
 from teleop_rt.slave.record import CAME_IN, Tick, TickRecord
-from teleop_rt.slave.step import hear
+from teleop_rt.slave.step import read_motion
 
 
 def test_a_run_writes_its_fields_in_their_order_and_nothing_beside() -> None:
@@ -35,7 +35,7 @@ def test_the_body_of_a_state_is_what_its_message_packs() -> None:
         0.25, -1.5, 2**40, in_contact=True, following=False, safety_state=4, fault=29,
         verified_free=0.2, velocity=-0.125, energy_J=3e-3, inadequate=True,
     )  # fmt: skip
-    body = new_state()
+    body = new_state_body()
     for name, value in message._asdict().items():
         setattr(body[0], name, value)
     assert body.tobytes() == encode(message)
@@ -51,14 +51,14 @@ def test_a_motion_is_heard_as_its_message_says_and_counts_for_nothing_once_forgo
         provisional=True,
     )  # fmt: skip
     motion, tick = NewestMotion(), TickRecord().tick
-    hear(tick, motion.stored[0])
+    read_motion(tick, motion.stored[0])
     assert tick.has_motion == 0
     motion.take(encode(message))
-    hear(tick, motion.stored[0])
+    read_motion(tick, motion.stored[0])
     assert (tick.has_motion, tick.engaged, tick.provisional) == (1, 1, 1)
     assert (tick.lead, tick.lead_velocity) == (message.target, message.velocity)
     assert (tick.lead_force, tick.lead_energy_J) == (message.force, message.energy_J)
     assert tick.acknowledged == min(contact_id, 2**63 - 1)
     motion.forget()
-    hear(tick, motion.stored[0])
+    read_motion(tick, motion.stored[0])
     assert tick.has_motion == 0

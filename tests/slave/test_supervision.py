@@ -12,7 +12,7 @@ from teleop_rt.config.supervision import SupervisionConfig
 from teleop_rt.slave import faults
 from teleop_rt.slave.faults import State
 from teleop_rt.slave.record import TickRecord
-from teleop_rt.slave.supervision import Supervision, unexplained
+from teleop_rt.slave.supervision import Supervision, beyond_friction
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.lockstep_run import LockstepTrial
 from teleop_rt_dev.trial.files import SILICONE, silicone
@@ -198,10 +198,10 @@ def test_friction_is_against_the_motion_and_of_either_sign_at_rest(velocity, fri
     config = SupervisionConfig(coulomb_friction=12.0, viscous_friction=4.0)
     record = TickRecord()
     Supervision(config, LIMITS, 1000, record=record)
-    assert unexplained(record.tick, friction, velocity) == pytest.approx(0.0, abs=1e-12)
-    assert abs(unexplained(record.tick, -40.0, velocity)) > 25.0
-    assert math.isnan(unexplained(record.tick, math.nan, velocity))
-    assert math.isnan(unexplained(record.tick, 1.0, math.nan))
+    assert beyond_friction(record.tick, friction, velocity) == pytest.approx(0.0, abs=1e-12)
+    assert abs(beyond_friction(record.tick, -40.0, velocity)) > 25.0
+    assert math.isnan(beyond_friction(record.tick, math.nan, velocity))
+    assert math.isnan(beyond_friction(record.tick, 1.0, math.nan))
 
 
 def agreeing() -> Sample:

@@ -4,7 +4,7 @@ import pytest
 
 from teleop_rt.view.quantities import parameter_unit, small_position
 from teleop_rt.view.run_folder import selected_row
-from teleop_rt.view.style import in_words, method_name, parameter, printed
+from teleop_rt.view.style import effect_in_words, method_name, parameter, printed
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_a_parameter_of_a_micro_body_is_shown_in_the_unit_of_its_size(value, uni
 def test_the_sentence_of_an_effect_has_the_units_of_its_parameters():
     depth = {"value": 7.67e-11, "std": None, "unit": "m"}
     effect = {"parameters": {"depth": depth}, "sentence": "A layer at {depth}."}
-    assert in_words(effect) == "A layer at 0.0767 nm."
+    assert effect_in_words(effect) == "A layer at 0.0767 nm."
 
 
 def test_a_method_keeps_its_name_where_its_effects_are_frozen():

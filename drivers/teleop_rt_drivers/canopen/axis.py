@@ -61,7 +61,7 @@ class CanopenAxis:
         for name, node in config.nodes.items():
             label = f"node 0x{node.node_id:02X} ({name})"
             eds.check_against_config(self._dictionaries[name], node, label)
-        self._parts = build.parts(config, rig, self._dictionaries, self.counters)
+        self._parts = build.axis_parts(config, rig, self._dictionaries, self.counters)
         self._drive = self._parts[2]
         self._switch = build.switch_codec(config.drive, self._dictionaries.get("drive"))
         self._syncs = new_sync(config.daemon.sync_cob_id, config.daemon.sync_counter)

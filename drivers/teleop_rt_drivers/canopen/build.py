@@ -97,7 +97,7 @@ def _scale(config: ForceReading) -> Scale:
     return Scale(config.scale, config.sign, config.offset)
 
 
-def parts(
+def axis_parts(
     config: CanopenPart,
     rig: RigConfig,
     dictionaries: dict[str, ObjectDictionary],

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from teleop_rt_drivers.canopen import intake
-from teleop_rt_drivers.canopen.intake import DUPLICATE_CYCLES, kind_of
+from teleop_rt_drivers.canopen.intake import DUPLICATE_CYCLES, format_code
 from teleop_rt_drivers.canopen.source import SourceRecord, place
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Replies:
 
     def asked(self) -> None:
         """Note that a SYNC was sent."""
-        intake.ask(self._record.stored)
+        intake.note_sync_sent(self._record.stored)
 
     def settle(self, counters: Counters) -> bool:
         """Return whether the newest answer of this cycle belongs to the newest SYNC."""
@@ -85,10 +85,10 @@ class Channel:
         self.replies = Replies(self.record)
         source = self.record.source
         source.cob_id, source.length = codec.cob_id, codec.struct.size
-        source.number_at, source.number_kind = codec.places[slot], kind_of(codec.kinds[slot])
+        source.number_at, source.number_kind = codec.places[slot], format_code(codec.kinds[slot])
         if status_slot is not None:
             source.status_at = codec.places[status_slot]
-            source.status_kind = kind_of(codec.kinds[status_slot])
+            source.status_kind = format_code(codec.kinds[status_slot])
         source.offset, source.gain = scale.offset, scale.sign * scale.per_count
         source.lower, source.upper = plausible.lower, plausible.upper
         source.slack, source.rate_per_ns = plausible.slack, plausible.rate * 1e-9
@@ -97,7 +97,7 @@ class Channel:
         """Count frames whose field at this slot is saturated: its size is `most` or more."""
         source = self.record.source
         source.extra_at = self.codec.places[slot]
-        source.extra_kind, source.most_extra = kind_of(self.codec.kinds[slot]), most
+        source.extra_kind, source.most_extra = format_code(self.codec.kinds[slot]), most
 
     @property
     def value(self) -> float:

@@ -11,7 +11,7 @@ from teleop_rt_drivers.can_door import LENGTH_SHIFT
 from teleop_rt_drivers.canopen import cia402, exchange
 from teleop_rt_drivers.canopen.channel import Replies
 from teleop_rt_drivers.canopen.cia402 import Cia402State
-from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, kind_of
+from teleop_rt_drivers.canopen.intake import SILENT_CYCLES, format_code
 from teleop_rt_drivers.canopen.source import SourceRecord, place
 from teleop_rt_drivers.drive_intent import (
     ARMING,
@@ -97,7 +97,7 @@ class Drive:
     def bind(self, stored: Sources) -> None:
         """Let the drive's record live in this array (1,) from now on."""
         self.record.bind(stored)
-        self._aim = bound(exchange.aim, (stored,), 0.0)
+        self._aim = bound(exchange.set_target, (stored,), 0.0)
 
     def sender(self, door: CanDoor) -> Callable[[float], int] | None:
         """Return a sender of a position [rig unit] while `follows`, as `put_frame` does.
@@ -119,11 +119,11 @@ class Drive:
         source.target_at = rpdo.places[self._target_slot]
         status, actual = tpdo.slot(cia402.STATUSWORD), tpdo.slot(cia402.ACTUAL_POSITION)
         source.is_drive, source.cob_id, source.length = 1, tpdo.cob_id, tpdo.struct.size
-        source.status_at, source.status_kind = tpdo.places[status], kind_of(tpdo.kinds[status])
-        source.number_at, source.number_kind = tpdo.places[actual], kind_of(tpdo.kinds[actual])
+        source.status_at, source.status_kind = tpdo.places[status], format_code(tpdo.kinds[status])
+        source.number_at, source.number_kind = tpdo.places[actual], format_code(tpdo.kinds[actual])
         if self._force_per_count is not None:
             force = tpdo.slot(cia402.ACTUAL_TORQUE)
-            source.extra_at, source.extra_kind = tpdo.places[force], kind_of(tpdo.kinds[force])
+            source.extra_at, source.extra_kind = tpdo.places[force], format_code(tpdo.kinds[force])
             source.force_gain = self._force_per_count
         source.statusword = source.seen = -1
         source.silent_cycles = SILENT_CYCLES

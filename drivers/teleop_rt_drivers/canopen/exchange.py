@@ -111,7 +111,7 @@ def target_of(drive: SourceFields, position: float) -> int:
 
 
 @kernel
-def aim(drives: Sources, position: float) -> None:
+def set_target(drives: Sources, position: float) -> None:
     """Take a position [rig unit] for the target of the drive (1,)."""
     drive: Any = drives[0]
     drive.target = target_of(drive, position)

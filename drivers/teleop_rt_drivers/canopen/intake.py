@@ -55,7 +55,7 @@ _SYNC_SENT, _WITHOUT_SAMPLE = CODES["sync_sent"], CODES["cycles_without_sample"]
 _IMPOSSIBLE_JUMP, _SPEED_SATURATED = CODES["impossible_jump"], CODES["speed_saturated"]
 
 
-def kind_of(layout: str) -> int:
+def format_code(layout: str) -> int:
     """Return the code of a field's format for kernels."""
     return _KINDS.index(layout)
 
@@ -168,7 +168,7 @@ def take_frames(
 
 
 @kernel
-def ask(sources: Sources) -> None:
+def note_sync_sent(sources: Sources) -> None:
     """Note that a SYNC was sent: every source owes an answer."""
     for index in range(len(sources)):
         source: Any = sources[index]
@@ -228,7 +228,7 @@ def take_over(source: SourceFields, belongs: bool, counts: Whole, sync_ns: int) 
 
 
 @kernel
-def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
+def end_cycle(sources: Sources, counts: Whole, sync_ns: int) -> int:
     """End a cycle and add up; return a bit for each value that is not new, and DUPLICATE."""
     events = 0
     for index in range(len(sources)):
@@ -245,7 +245,7 @@ def settle(sources: Sources, counts: Whole, sync_ns: int) -> int:
 
 
 @kernel
-def fill(reading: Reading, sample: SampleFields, sources: Sources) -> None:
+def fill_sample(reading: Reading, sample: SampleFields, sources: Sources) -> None:
     """Write the sources' values into a sample; it is as old as the older one."""
     sample.stamp_ns = 0
     if reading.encoder >= 0:
@@ -266,7 +266,7 @@ def fill(reading: Reading, sample: SampleFields, sources: Sources) -> None:
 
 
 @kernel
-def judge(reading: Reading, sample: SampleFields, events: int, counts: Whole) -> None:
+def note_validity(reading: Reading, sample: SampleFields, events: int, counts: Whole) -> None:
     """Write whether a cycle completed a sample, and the errors so far."""
     sample.valid = events & (DUPLICATE - 1) == 0
     if sample.valid > 0:
@@ -300,16 +300,16 @@ def take_cycle(
     row = take_frames(sources, counts, lives, slots, first, count, now_ns)
     if row < count:
         return -1 - row
-    events = settle(sources, counts, sync_ns)
+    events = end_cycle(sources, counts, sync_ns)
     if lost_life(lives, now_ns) >= 0:
         events |= LOST
     reading: Any = readings[0]
-    fill(reading, samples[0], sources)
-    judge(reading, samples[0], events, counts)
+    fill_sample(reading, samples[0], sources)
+    note_validity(reading, samples[0], events, counts)
     if reading.drive >= 0 and sources[reading.drive].statusword != sources[reading.drive].seen:
         events |= CHANGED
     if asks:
-        ask(sources)
+        note_sync_sent(sources)
         counts[_SYNC_SENT] += 1
     return events
 
@@ -322,7 +322,7 @@ def load_kernels() -> None:
     take_frames(sources, counts, lives, slots, 0, 1, 0)
     hear(lives[0], 0, 0)
     lost_life(lives, 0)
-    ask(sources)
+    note_sync_sent(sources)
     readings = new_reading(NOWHERE, NOWHERE, NOWHERE)
     arrays = sources, counts, lives, readings, Sample().stored, slots
     take_cycle(*arrays, 0, 0, 0, 0, True)  # noqa: FBT003 - as above

@@ -129,7 +129,7 @@ class Receiver:
     def asked(self) -> None:
         """Note that a SYNC is sent: every source owes an answer."""
         self.counters["sync_sent"] += 1
-        intake.ask(self._sources)
+        intake.note_sync_sent(self._sources)
 
     def _new_reading(self) -> Readings:
         """Return a reading of the parts that there are, which lie in this order."""

@@ -19,7 +19,7 @@ from teleop_rt_drivers.framed.whole_frame import (
     NOTHING,
     OTHER,
     WholeFrames,
-    counted,
+    counter_codes,
     fits,
     is_exact,
 )
@@ -154,7 +154,7 @@ class BinaryParser:
         """Count a frame that kernels have taken, and give it to those who read it themselves."""
         self._counters["frames"] += 1
         if found != FINE:
-            for code in counted(found):
+            for code in counter_codes(found):
                 if code:
                     self._counters[COUNTERS[code]] += 1
         for listener in self._source.others:

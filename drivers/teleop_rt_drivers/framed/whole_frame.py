@@ -140,7 +140,7 @@ def take_whole(
     length: int,
     now_ns: int,
 ) -> int:
-    """Take data that are the next frame; return OTHER, or its values' code (`counted`)."""
+    """Take data that are the next frame; return OTHER, or its values' code (`counter_codes`)."""
     frame: Any = frames[0]
     if not is_sound(frame, check, table, sync, end, data, length):
         return OTHER
@@ -266,7 +266,7 @@ def described(
     return stored, *new_check(kind), sync, end, _places(format_)
 
 
-def counted(found: int) -> list[int]:
+def counter_codes(found: int) -> list[int]:
     """Return the codes of `taking.COUNTERS` of a frame's values, from `take_whole`'s result."""
     codes = []
     while found := found >> _CODE_BITS:

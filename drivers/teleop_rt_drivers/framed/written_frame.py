@@ -24,7 +24,7 @@ _LARGEST_SINGLE = float(np.finfo(np.float32).max)
 
 
 @kernel
-def kept(value: float, size: int, kind: int) -> float:
+def within_field(value: float, size: int, kind: int) -> float:
     """Return a number as a field can hold it: a whole one is rounded and kept in range."""
     if kind == FLOAT:
         return value
@@ -34,7 +34,7 @@ def kept(value: float, size: int, kind: int) -> float:
 
 
 @kernel
-def is_held(value: float, size: int, kind: int) -> bool:
+def has_word_for(value: float, size: int, kind: int) -> bool:
     """Return whether a field has a word for a number: not for none, nor for too large a one."""
     if kind != FLOAT:
         return not math.isnan(value)
@@ -71,14 +71,14 @@ def write_frame(
     frame: Any = frames[0]
     is_big = frame.is_big > 0
     for field in range(len(places)):
-        if not is_held(wanted[field], places[field, 1], places[field, 2]):
+        if not has_word_for(wanted[field], places[field, 1], places[field, 2]):
             return False
     if frame.counter >= 0:
         wanted[frame.counter] = next_count[0]
         next_count[0] = (next_count[0] + 1) % frame.counts
     for field in range(len(places)):
         at, size, kind = places[field, 0], places[field, 1], places[field, 2]
-        write_number(data, at, size, kind, is_big, kept(wanted[field], size, kind))
+        write_number(data, at, size, kind, is_big, within_field(wanted[field], size, kind))
     for byte in range(len(sync)):
         data[byte] = sync[byte]
     for byte in range(len(end)):

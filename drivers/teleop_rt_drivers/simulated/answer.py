@@ -20,7 +20,7 @@ from teleop_rt_drivers.simulated.motion import POSITION, REFERENCE, VELOCITY, fo
 from teleop_rt_drivers.simulated.senses import (
     REPORTED_NS,
     clamped,
-    counted,
+    in_counts,
     is_drawn,
     mean_servo_force,
     measured_force,
@@ -216,7 +216,7 @@ def sync(answer: Answer, plant: PlantArrays) -> int:
 def measured(kind: int, zero: float, step: float, plant: PlantArrays) -> int:
     """Return the present value of an object."""
     if kind == PLACES:
-        return clamped(counted(plant.state[POSITION], zero, step), INT32)
+        return clamped(in_counts(plant.state[POSITION], zero, step), INT32)
     if kind == SPEEDS:
         return clamped(plant.state[VELOCITY] / step, INT16)
     if kind == FORCES:

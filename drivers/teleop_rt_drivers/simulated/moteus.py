@@ -88,7 +88,7 @@ class SimulatedMoteus(MakersDrive):
                 values = layout.unpack_from(data, at)
                 at += layout.size
                 for register, value in enumerate(values, start):
-                    commands[register] = meant(register, code, value)
+                    commands[register] = register_value(register, code, value)
             elif kind < 0x20:
                 if commands:
                     self._obey(commands, now_ns)
@@ -173,7 +173,7 @@ def unit_of(register: int, code: str) -> float:
     return UNITS[register][WHOLE[code]] if register in UNITS else 1.0
 
 
-def meant(register: int, code: str, value: float) -> float:
+def register_value(register: int, code: str, value: float) -> float:
     """Return the value of a register in its unit; not a number for the least whole number."""
     if code == "f":
         return value

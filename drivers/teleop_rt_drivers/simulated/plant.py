@@ -152,7 +152,7 @@ class Plant:
     def encoder_counts(self) -> float:
         """Position as the encoder counts it, not rounded."""
         sensors = self.config.sensors
-        return senses.counted(self.position, sensors.encoder_zero, sensors.encoder_resolution)
+        return senses.in_counts(self.position, sensors.encoder_zero, sensors.encoder_resolution)
 
     @property
     def reported_position(self) -> float:
@@ -173,7 +173,7 @@ class Plant:
     def counts_of(self, position: float) -> float:
         """Return a true position in the drive's counts, not rounded."""
         drive = self.config.drive
-        return senses.counted(position, drive.zero, drive.position_resolution)
+        return senses.in_counts(position, drive.zero, drive.position_resolution)
 
     def position_of(self, counts: float) -> float:
         """Return the true position of the drive's counts."""

@@ -150,7 +150,7 @@ def is_drawn(plant: PlantArrays, samples: int) -> bool:
 
 
 @shared
-def counted(value: float, zero: float, step: float) -> float:
+def in_counts(value: float, zero: float, step: float) -> float:
     """Return a value as a device counts it in its steps, not rounded."""
     return (value - zero) / step
 

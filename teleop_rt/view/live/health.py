@@ -15,7 +15,7 @@ from teleop_rt.trial.grades import Grade, of_link, of_loop
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About
 from teleop_rt.view.residual import INADEQUATE, NOTABLE, Whiteness, verdict, whiteness
-from teleop_rt.view.style import counted
+from teleop_rt.view.style import count_in_words
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -129,7 +129,7 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     untaken = int(np.count_nonzero(~np.isfinite(delays.delay_ms)))
     jitter = "" if delays.jitter_ms is None else f", jitter {delays.jitter_ms:.2g} ms"
     title = f"link: {delays.median_ms:.3g} ms one way"
-    sent = counted(delays.sent_ns.size, "model")
+    sent = count_in_words(delays.sent_ns.size, "model")
     words = ", ".join(
         filter(None, (f"{sent}, {untaken} not taken in{jitter}", _troubles(slave, master)))
     )
@@ -167,7 +167,7 @@ def _troubles(slave: Columns, master: Columns) -> str:
     refused = _last(slave, "packets_rejected") + _last(master, "packets_rejected")
     counts = [(refused, "packet refused", "packets refused")]
     counts += [(_last(master, name), one, many) for name, one, many in _COUNTS]
-    words += [counted(count, one, many) for count, one, many in counts if count]
+    words += [count_in_words(count, one, many) for count, one, many in counts if count]
     return ", ".join(words)
 
 
