@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 FRAME = struct.Struct("=IB3x8sQ")
 BARE = struct.Struct("=IB3x8s")
 WIDE = struct.Struct("=IBB2x64sQ")
+# Flags and bits of an id, and most bytes of a frame, classical and FD (linux/can.h).
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
 LONGEST, LONGEST_WIDE = 8, 64

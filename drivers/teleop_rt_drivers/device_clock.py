@@ -25,7 +25,7 @@ WARM_UP = 50
 """Samples before the gate applies: until then the deviation is not known."""
 MOST_OUTLIERS_IN_A_ROW = 50
 """Of so many together the model is wrong, not the stamps: it begins again."""
-_WORD_BITS, _ALL_BITS = 64, -1
+_WORD_BITS, _ALL_BITS = 64, -1  # of an int64, in which counts are compared
 START_COVARIANCE = 1e12
 """Variance of the offset at the start [ns^2]: a millisecond."""
 RATE_COVARIANCE = 1e-6

@@ -41,6 +41,7 @@ TROUBLES: tuple[tuple[str, str], ...] = (
 )
 """The counter's name, and the message to the operator."""
 NOTHING_TROUBLE, CLOCK_TROUBLE, TAKEN_TROUBLE = 5, 6, 7
+"""Places of these three in the table above."""
 
 
 def first_refusal(statistics: Statistics) -> int:

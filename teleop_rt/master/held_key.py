@@ -13,6 +13,7 @@ from teleop_rt.axis import AxisError
 
 _EVENT = Struct("@llHHi")
 _TYPE_KEY, _RELEASED = 0x01, 0
+"""Type and value of an event: EV_KEY, and a key that goes up (linux/input-event-codes.h)."""
 _MOST_EVENTS = 64
 """That are read at once: a keyboard makes a few for each key."""
 

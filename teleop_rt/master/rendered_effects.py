@@ -22,6 +22,7 @@ _GRID = 48
 _STEP_S = 1e-3
 """Step of an effect that is asked at rest; its state is not advanced by it."""
 _HALVINGS, _SLOWEST = 20, 1e-6
+"""Steps of the bisection for a speed, and the least speed of a slope [rig unit/s]."""
 _SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)
 """Shares of a depth at which the slope of a damper is evaluated."""
 _ENERGY_POINTS, _ENERGY_WEIGHTS = np.polynomial.legendre.leggauss(6)

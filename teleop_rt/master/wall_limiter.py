@@ -15,6 +15,7 @@ from teleop_rt.master.rendered_effects import RenderedEffect
 from teleop_rt.master.walls import Wall
 
 _REDUCTIONS, _ALMOST = 60, 0.999
+"""Reductions at most, and the share of the slopes from which the rest needs no other one."""
 _LONGEST_TRAVEL = 10.0  # m or rad; a spring too soft to give its force there gives less
 GRIP_SHARE = 0.8
 """Of the bound, for the spring of a brake: damping of twice the device's own friction fits beside

@@ -18,7 +18,7 @@ _WORDS = BINS + 2
 """Of each kind: the bins, and the longest time [µs]."""
 NAME = "timing.histograms"
 KINDS = ("wake_latency", "work")
-QUANTILES = (0.5, 0.99, 0.999)
+QUANTILES = (0.5, 0.99, 0.999)  # that status and summary give of each kind
 
 
 class TimingHistograms:

@@ -23,7 +23,7 @@ from teleop_rt.shipped import EXAMPLES
 
 FIFO, LOCKED, PINNED = "SCHED_FIFO", "mlockall", "core {} alone"
 """Names of privileges that other modules use."""
-_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall (sys/mman.h)
 # Of linux/prctl.h and linux/capability.h, which Python does not have.
 _PR_SET_TIMERSLACK = 29
 _CAP_IPC_LOCK = 14

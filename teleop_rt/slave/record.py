@@ -199,7 +199,7 @@ _FIELDS = [(name, *_KINDS[kind]) for name, kind in Tick.__annotations__.items()]
 # As a record its fields are attributes also where the kernels are not compiled.
 TICK_TYPE = np.dtype((np.record, np.dtype(_FIELDS)))
 _OFFSETS: dict[str, int] = {name: kind[1] for name, kind in (TICK_TYPE.fields or {}).items()}
-_WORD = 8
+_WORD = 8  # bytes of a field, a float64 or int64
 
 
 def place(field: str) -> int:

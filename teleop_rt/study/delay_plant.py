@@ -20,7 +20,7 @@ SURFACE_M = 0.0083
 """Between two strides of the hand, so that it is met in motion."""
 DRIVE_HZ = 100.0
 """Bandwidth of the position loop, and sensors like those of the simulated rigs."""
-FORCE_NOISE_N, RESOLUTION_M = 0.05, 5e-6
+FORCE_NOISE_N, RESOLUTION_M = 0.05, 5e-6  # standard deviation, and step of the encoder
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from teleop_rt.view.charts import Chart, Curve, Limits, Panel, kept_rows
 from teleop_rt.view.style import FAINT, LIGHT
 
 _MOST_ROWS = 1200  # points per curve: a printed page is no wider in dots that are seen
+# Inches on paper: width and height of a panel, margins, and rows of the key.
 _WIDTH_IN, _PANEL_IN = 10.0, 1.5
 _LEFT_IN, _RIGHT_IN, _BELOW_IN, _BETWEEN_IN = 0.85, 0.15, 0.45, 0.15
 _ABOVE_IN, _KEYS_IN_A_ROW, _ROW_IN = 0.12, 3, 0.18

@@ -29,7 +29,7 @@ from teleop_rt.view.style import IN_THE_DARK, LIGHT
 Array = NDArray[np.float64]
 
 _STRIP_ROWS = 1_000  # of the strip, which is as wide as the page
-_PANEL_PX, _STRIP_PX, _LONE_PX = 120, 56, 240
+_PANEL_PX, _STRIP_PX, _LONE_PX = 120, 56, 240  # heights: one of several, the strip, one alone
 _LEFT_PX, _RIGHT_PX = 76, 8  # one margin for all: time axes of a page lie below each other
 
 

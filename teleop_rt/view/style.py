@@ -176,7 +176,7 @@ def count_in_words(count: int, one: str, many: str | None = None) -> str:
 # [m] and [N]. A figure keeps a unit down to a thousandth of it: below, the next is easier to read.
 _LENGTHS = ((1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 _FORCES = ((1.0, "N"), (1e-3, "mN"), (1e-6, "µN"), (1e-9, "nN"))
-_LEAST_OF_UNIT = 1e-3
+_LEAST_OF_UNIT = 1e-3  # of a unit, see above
 _NO_EXPONENT = 1e5  # below it five digits print without an exponent
 _FORCE = re.compile(r"N(?=$|[ /])")  # not the Nm of a rotary rig
 _POWER_OF_LENGTH = re.compile(r"(?<=/)m\^(\d+(?:\.\d+)?)$")

@@ -14,7 +14,7 @@ from teleop_rt_drivers.actuators.bus_servo import BusServoCodec
 from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 HEADER, BROADCAST = b"\xff\xff\xfd\x00", 0xFE
-SYNC_READ, SYNC_WRITE, STATUS = 0x82, 0x83, 0x55
+SYNC_READ, SYNC_WRITE, STATUS = 0x82, 0x83, 0x55  # instructions of Protocol 2.0
 STUFFED = b"\xff\xff\xfd"
 """Bytes of a header inside a packet, behind which one more FDh is put."""
 

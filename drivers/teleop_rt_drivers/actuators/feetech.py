@@ -13,6 +13,7 @@ from teleop_rt_drivers.actuators.bus_servo import BusServoCodec
 from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
 HEADER, BROADCAST = b"\xff\xff", 0xFE
+# Instructions, then addresses of the memory table of the STS series.
 SYNC_READ, SYNC_WRITE = 0x82, 0x83
 RETURN_DELAY, ANGLE_LIMITS, PHASE, OPERATING_MODE = 7, 9, 18, 33
 TORQUE_ENABLE, ACCELERATION, TORQUE_LIMIT = 40, 41, 48

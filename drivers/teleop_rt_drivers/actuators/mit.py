@@ -118,6 +118,7 @@ DAMIAO_ERRORS = {
     0xB: "over-temperature of the bridge", 0xC: "over-temperature of the coils",
     0xD: "communication lost: no command within its time-out", 0xE: "overload",
 }  # fmt: skip
+# Last byte of a command without values; id and command of a question (Damiao's protocol).
 ENABLE, DISABLE, CLEAR = 0xFC, 0xFD, 0xFB
 TO_ALL, REFRESH = 0x7FF, 0xCC
 DAMIAO_STATES = {0: DriveState.OFF, 1: DriveState.FOLLOWING}
@@ -207,6 +208,7 @@ FAULT_VALUES = {
     0x80: "encoder not calibrated", 0xFF00: "overload or start-up check failed",
 }  # fmt: skip
 """Bits of the fault value that a message of its own contains (CyberGear's manual, 4.1.10)."""
+# Types of messages in the id, and indices of parameters (CyberGear's manual, 4.1).
 CONTROL, ANSWER, ENABLE_TYPE, STOP_TYPE, READ, WRITE, FAULTS_TYPE = 1, 2, 3, 4, 17, 18, 21
 RUN_MODE, LIMIT_TORQUE, MECHANICAL_POSITION, CAN_TIMEOUT = 0x7005, 0x700B, 0x7019, 0x7028
 TIMEOUT_PER_MS = 20

@@ -14,6 +14,7 @@ from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Fram
 WRITE_INT8, WRITE_FLOAT, READ_INT8, READ_FLOAT, REPLY, ERRORS, NOP = (
     0x00, 0x0C, 0x10, 0x1C, 0x20, (0x30, 0x31), 0x50,
 )  # fmt: skip
+# Registers, and values of MODE, by moteus' reference of its registers.
 MODE, POSITION, VELOCITY, TORQUE, FAULT, COMMAND = 0x000, 0x001, 0x002, 0x003, 0x00F, 0x020
 STOPPED, FAULTED, POSITION_MODE, TIMED_OUT = 0, 1, 10, 11
 ANSWER_WANTED = 0x8000  # bit of the id, by moteus' reference of its CAN format

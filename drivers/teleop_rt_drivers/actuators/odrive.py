@@ -16,6 +16,7 @@ import struct
 
 from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
+# Commands in the lowest five bits of the id (ODrive's CAN protocol).
 HEARTBEAT, ESTOP, SET_STATE, ESTIMATES = 0x01, 0x02, 0x07, 0x09
 SET_MODES, SET_POSITION, SET_VELOCITY, SET_TORQUE, SET_LIMITS = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
 GET_IQ, CLEAR_ERRORS = 0x14, 0x18
@@ -23,6 +24,7 @@ OURS = frozenset({SET_STATE, SET_MODES, SET_POSITION, SET_VELOCITY, SET_TORQUE, 
 """Commands that only one master may send."""
 KNOWN = OURS | {HEARTBEAT, ESTIMATES, GET_IQ}
 
+# AXIS_STATE, then CONTROL_MODE, of ODrive's CAN protocol.
 IDLE, CLOSED_LOOP = 1, 8
 TORQUE_CONTROL, VELOCITY_CONTROL, POSITION_CONTROL = 1, 2, 3
 PASSTHROUGH = 1  # INPUT_MODE of ODrive's CAN protocol: no filter of its own

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 from teleop_rt_drivers.actuators.codec import AngleUnit, DriveState, Frame, Frames, Report, Taken
 
+# CAN_PACKET_ID of VESC's firmware, in the second byte of the id.
 SET_DUTY, SET_CURRENT, SET_POSITION, STATUS, STATUS_4 = 0, 1, 4, 9, 16
 ORDERS = frozenset({SET_DUTY, SET_CURRENT, 2, 3, SET_POSITION, 10, 11, 12, 13})
 """Commands that move the motor: of one master alone."""
-PER_AMPERE, PER_DEGREE = 1e3, 1e6
+PER_AMPERE, PER_DEGREE = 1e3, 1e6  # counts of a command
 _status, _status_4 = struct.Struct(">ihh"), struct.Struct(">hhhh")
 _argument = struct.Struct(">i")
-HALF_TURN, TURN = 180.0, 360.0
+HALF_TURN, TURN = 180.0, 360.0  # degrees
 REACH = 0.49
 """A position of a turn and more is another one: the last hundredth keeps both ends apart."""
 

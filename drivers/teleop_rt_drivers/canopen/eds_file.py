@@ -17,7 +17,7 @@ ACCESS = ("ro", "wo", "rw", "rwr", "rww", "const")
 LISTS = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 MANDATORY = "DeviceInfo"
 _CORRECT = "correct it, or get the EDS again from the device's maker"
-VARIABLE, DOMAIN = 0x7, 0x2
+VARIABLE, DOMAIN = 0x7, 0x2  # ObjectType (CiA 306)
 NUMERIC = ("ObjectType", "DataType", "SubNumber", "PDOMapping")
 BITS = {0x02: 8, 0x03: 16, 0x04: 32, 0x05: 8, 0x06: 16, 0x07: 32, 0x15: 64, 0x1B: 64}
 """Bits of each whole number's data type (CiA 301)."""

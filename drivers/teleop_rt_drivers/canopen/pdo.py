@@ -27,6 +27,7 @@ FORMATS = {
 }
 """Format of each CiA 301 data type that fills whole bytes."""
 
+# Index of the first PDO's parameters (CiA 301).
 TPDO_COMMUNICATION, TPDO_MAPPING = 0x1800, 0x1A00
 RPDO_COMMUNICATION, RPDO_MAPPING = 0x1400, 0x1600
 BYTES_PER_FRAME = 8  # of classical CAN, which CiA 301 uses

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     Handler = Callable[[int, Data, int], object]
     """Takes the id, the bytes and the time of the cycle."""
 
+# COB-ID of an emergency without the node's id, and its length; range of SDOs' ids (CiA 301).
 EMERGENCY, EMERGENCY_BYTES = 0x080, 8
 SDO = (0x580, 0x680)
 

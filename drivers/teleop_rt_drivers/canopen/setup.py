@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NMT = 0x000
 """COB-ID of network management; its commands follow (CiA 301)."""
-START, STOP_NODE, PRE_OPERATIONAL, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
+START, STOP_NODE, PRE_OPERATIONAL, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82  # see NMT
 PDO_INVALID = 1 << 31
 """Bit of a COB-ID that switches a PDO off (CiA 301)."""
 PDOS_PER_PROFILE = 4

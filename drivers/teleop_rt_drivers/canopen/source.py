@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.kernels.record import record_type
 
-NOWHERE, NOBODY = -1, -1
+NOWHERE, NOBODY = -1, -1  # a field that a frame lacks, and a COB-ID that no node has
 
 
 class SourceFields:

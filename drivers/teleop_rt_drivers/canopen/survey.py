@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 ANSWER_WAIT_S = 0.01
 """Wait for an answer to each question of a scan."""
 READ_DEVICE_TYPE = bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0))
-SDO_REQUEST, SDO_ANSWER = 0x600, 0x580
+SDO_REQUEST, SDO_ANSWER = 0x600, 0x580  # COB-IDs without the node's id (CiA 301)
 NODES = range(1, 128)
 IDENTITY = {1: "vendor", 2: "product", 3: "revision"}
 MOST_NAMED = 6

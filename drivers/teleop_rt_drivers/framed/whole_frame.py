@@ -37,7 +37,7 @@ OTHER = 0
 """Result for data other than the next whole frame: the parser is to look at them."""
 FINE = 1
 """Result for a frame none of whose values is to be counted; others have codes above that bit."""
-_CODE_BITS, _CODE = 4, 0xF
+_CODE_BITS, _CODE = 4, 0xF  # of a result: so many for each value's code, and their mask
 
 
 class FrameFields:

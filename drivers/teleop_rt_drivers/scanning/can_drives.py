@@ -24,8 +24,9 @@ LISTEN_S = 1.2
 ANSWER_S = 0.004
 """For the answer to a question; an adapter on USB keeps it for a millisecond or two."""
 OWN_ID = 0xFD  # the host's, by RobStride's protocol
-DAMIAO_REGISTERS, MST_ID, PMAX, VMAX, TMAX = 0x7FF, 7, 21, 22, 23
+DAMIAO_REGISTERS, MST_ID, PMAX, VMAX, TMAX = 0x7FF, 7, 21, 22, 23  # an id, and registers
 READ = 0x33  # command "read register" of Damiao's protocol
+# A bit of the id, a register, two subframes; then VESC's ping and its answer.
 MOTEUS_WANTED, MODEL, READ_INT32, REPLY_INT32 = 0x8000, 0x100, 0x18, 0x28
 PING, PONG = 17, 18
 

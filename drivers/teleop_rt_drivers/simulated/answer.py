@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LONGEST_WAIT_NS = 50_000_000
 """A longer apparent wait of a frame means that the clock was set."""
 INT16, INT32 = 2**15 - 1, 2**31 - 1
-PER_THOUSAND = 1000.0
+PER_THOUSAND = 1000.0  # of the rated torque, which CiA 402 counts in
 LATCHED, MORE, HEARD, UNSENT, DRY, STRANGE = 1, 2, 4, 8, 16, 32
 """Bits of events: SYNC was answered, frames are left, a heartbeat came, the answer was
 not taken, random numbers are to be drawn before the next SYNC, and these frames are Python's: none
@@ -43,9 +43,10 @@ of them has been done anything with.
 """
 PLACES, SPEEDS, FORCES, TORQUES = range(4)
 """Kinds of measured objects: position, speed, force in steps, the drive's in thousandths."""
+# Layout of a waiting frame in bytes, then in words.
 _ID_BYTES, _LENGTH_AT, _DATA_AT, _STAMP_AT, _WORD = 4, 4, 8, 16, 8
 _HEAD, _DATA, _STAMP = range(3)
-_TARGET_BITS = 32
+_TARGET_BITS = 32  # of a target position
 _AGAIN = errno.EAGAIN
 
 

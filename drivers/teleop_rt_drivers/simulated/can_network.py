@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.frame_devices import FrameDevice
     from teleop_rt_drivers.simulated.plant import Plant
 
-ENCODER_ID, FORCE_ID, STATUS_ID, COMMAND_ID = 0x100, 0x101, 0x102, 0x103
+ENCODER_ID, FORCE_ID, STATUS_ID, COMMAND_ID = 0x100, 0x101, 0x102, 0x103  # as in the DBC
 
 
 class CanNetwork:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.faults import LastingFault
     from teleop_rt_drivers.simulated.plant import Plant
 
-NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600
+NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600  # COB-IDs without the node's id (CiA 301)
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000

@@ -32,7 +32,7 @@ class Nmt(IntEnum):
     PRE_OPERATIONAL = 127
 
 
-STORE, RESTORE = 0x1010, 0x1011
+STORE, RESTORE = 0x1010, 0x1011  # objects that save and restore parameters (CiA 301)
 LONGEST_QUIET_NS = 1_000_000_000
 """So long at most no timer of a device is looked at."""
 SAVE, LOAD = 0x65766173, 0x64616F6C

@@ -29,10 +29,10 @@ MAPPING_OFFSET = 0x200
 INVALID = 1 << 31  # bit of a COB-ID: the PDO is switched off (CiA 301)
 SYNCHRONOUS = range(1, 241)
 EVENT_DRIVEN = (254, 255)  # transmission types that wait for no SYNC (CiA 301)
+# SDO abort codes (CiA 301, table 22).
 WRITE_ONLY, READ_ONLY, WRONG_LENGTH = 0x06010001, 0x06010002, 0x06070010
 NOT_IN_DICTIONARY, NO_DATA, NO_ACCESS_NOW = 0x06020000, 0x060A0023, 0x08000022
 NOT_MAPPABLE, MAPPING_TOO_LONG = 0x06040041, 0x06040042
-"""SDO abort codes (CiA 301, table 22)."""
 
 
 def dictionary_of(eds: str, node_id: int) -> ObjectDictionary:

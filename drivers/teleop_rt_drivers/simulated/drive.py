@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.device import Send
     from teleop_rt_drivers.simulated.plant import Plant
 
-CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 8, 10
+CYCLIC_SYNCHRONOUS_POSITION, CYCLIC_SYNCHRONOUS_TORQUE = 8, 10  # modes (6060h, CiA 402)
 OPERATE = 0x0F
 """The controlword that keeps an enabled drive enabled."""
 LIMITS = (0x607D, 0x607F, 0x60C2)  # position, speed, interpolation period (CiA 402)
-TARGET = 0x607A, 0
+TARGET = 0x607A, 0  # target position (CiA 402)
 HOME_SWITCH = 1 << 2
 """Bit of the digital inputs (60FDh)."""
 VOLTAGE_ENABLED, REMOTE, FOLLOWS = 1 << 4, 1 << 9, 1 << 12

@@ -19,7 +19,7 @@ TORQUE_PER_COUNT = 2.0 * 0.00269
 """2 Nm per ampere, 2.69 mA per count."""
 TABLE_BYTES = 256  # past the last register that is used
 EEPROM_ENDS = 64  # by the control table of the X series
-MODEL, FIRMWARE = 1030, 48
+MODEL, FIRMWARE = 1030, 48  # an XM430-W210, and its firmware's version
 STEP_NS = 20_000_000
 """Unit of the bus watchdog."""
 CHECKED = ((116, 4, 1_048_575), (102, 2, 1193))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 ARMS = 3  # Maxwell arms at most
 # Constants of the body, which a hand should feel ...
 (STIFFNESS, DAMPING, SURFACE, FOAM, LOCKING_DEPTH, LAYER, LAYER_DEPTH, LAYER_BLEND) = range(8)
-ARM = 8
+ARM = 8  # place of the first arm's stiffness, and of its time below
 ARM_TIME = ARM + ARMS
 (
     YIELD_FORCE,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     Matrix = NDArray[np.float64]
 
-X, V, MEMORIES = 0, 1, 2
+X, V, MEMORIES = 0, 1, 2  # places in the state: position, velocity, the body's memories
 N_ALL = MEMORIES + hidden.N_MEMORIES
 STAGES = 6
 """Rows of scratch: the state, a trial state, and the four slopes."""

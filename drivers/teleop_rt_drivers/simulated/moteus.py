@@ -14,8 +14,8 @@ from teleop_rt_drivers.simulated.makers_drive import MakersDrive
 LEAD = 0.01
 """Rig units of position per turn."""
 TORQUE_PER_FORCE = LEAD / 6.283185307179586  # Nm/N: rig units per radian
-MODEL, FIRMWARE = 0x0105, 0x010304
-WIDE, EXTENDED = 0x4000_0000, 0x8000_0000
+MODEL, FIRMWARE = 0x0105, 0x010304  # of the registers 0x100 and 0x101
+WIDE, EXTENDED = 0x4000_0000, 0x8000_0000  # flags of a frame beside its id
 DEFAULT_TIMEOUT_S = 0.1
 """`servo.default_timeout_s`, which a time-out of 0 or none means."""
 FORMATS = ("b", "h", "i", "f")

@@ -19,6 +19,7 @@ TORQUE_CONSTANT = 0.05
 """Nm/A."""
 HEARTBEAT_NS, ENCODER_NS, WATCHDOG_NS = 10_000_000, 1_000_000, 50_000_000
 """Periods of its messages, and its watchdog, as the rig's file has them."""
+# AXIS_STATE, then AXIS_ERROR, of ODrive's CAN protocol.
 IDLE, CLOSED_LOOP = 1, 8
 INVALID_STATE, MOTOR_FAILED, WATCHDOG_EXPIRED, OVER_TEMPERATURE = 0x1, 0x40, 0x800, 0x40000
 
