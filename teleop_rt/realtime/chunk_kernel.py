@@ -18,7 +18,7 @@ _A_MESSAGE = 5
 _LENGTH_AT, _CHANNEL_AT, _SEQUENCE_AT, _TEXT_AT = 1, 9, 11, 31
 _HEAD_BYTES = 9
 """Opcode and length, which the length itself does not count."""
-_MOST_CHANNELS = 1024
+_MOST_CHANNELS = 1024  # of a chunk; one with more is not taken by the kernel
 
 
 @kernel

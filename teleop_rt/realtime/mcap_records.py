@@ -185,7 +185,7 @@ def _unpacked_otherwise(content: bytes) -> bytes:
 
 
 def _finder(size: int) -> MessageFinder | None:
-    """Return what finds the messages of a file of so many bytes; None where its indices do."""
+    """Return the finder of messages of a file of so many bytes; None where its indices serve."""
     if size <= _BYTES_FOR_KERNEL:
         return None
     from teleop_rt.realtime.chunk_kernel import MessageFinder  # noqa: PLC0415 - needs the compiler
