@@ -12,6 +12,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy as np
 import pytest
 from browser import headless_chromium
+from cases import OPTION
 from hypothesis import settings
 from lean_install import without_pages
 from numba.np import numpy_support
@@ -55,6 +56,13 @@ minute, and beside each other two would.
 """
 
 
+def pytest_addoption(parser):
+    """Add the option that plays all values of a parameter."""
+    parser.addoption(
+        OPTION, action="store_true", help="play further cases that take a test the same way"
+    )
+
+
 def pytest_configure():
     """Collect no garbage while tests are collected: it would take a third of that time."""
     gc.disable()
@@ -66,8 +74,15 @@ def pytest_collection_finish():
     gc.enable()
 
 
-def pytest_collection_modifyitems(items):
-    """Begin with the longest modules, so that no core waits for one of them alone at the end."""
+def pytest_collection_modifyitems(config, items):
+    """Begin with the longest modules, so that no core waits for one of them alone at the end.
+
+    Leave out further cases that take a test the same way where nobody asks for them.
+    """
+    if not config.getoption(OPTION):
+        further = [item for item in items if item.get_closest_marker("further_case")]
+        config.hook.pytest_deselected(items=further)
+        items[:] = [item for item in items if not item.get_closest_marker("further_case")]
     rank = {f"tests/{name}.py": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.nodeid.partition("::")[0], len(rank)))
 

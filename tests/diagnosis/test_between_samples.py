@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import Recording, from_arrays
@@ -31,7 +32,7 @@ def _recorded(seed: int, dt_s: float) -> Recording:
     return from_arrays("made", dt_s * np.arange(samples), 1e-6 * np.round(x / 1e-6), force)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", cases(1, 2, 3, 4))
 def test_a_velocity_by_differences_is_no_effect(seed: int) -> None:
     answer = diagnose(_recorded(seed, 0.01), "spring,viscous,bias").answer
     assert answer["verdict"] == "no_missing_effect"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
 from scipy.signal import lfilter
 
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -68,7 +69,7 @@ def test_a_tone_that_follows_a_rattle_is_not_named(seed: int) -> None:
     assert "periodic_disturbance" not in {effect["name"] for effect in answer["effects"]}
 
 
-@pytest.mark.parametrize("seed", [10, 14, 17])
+@pytest.mark.parametrize("seed", cases(10, 14, 17))
 def test_noise_of_a_resonance_that_free_air_shows_is_nothing_missing(seed: int) -> None:
     """A tone was found in it, and its refutal left the recording unexplained."""
     rng, rate_hz, resonance_hz = np.random.default_rng(seed), 500.0, 27.0
@@ -86,7 +87,7 @@ def test_noise_of_a_resonance_that_free_air_shows_is_nothing_missing(seed: int) 
     assert (answer["verdict"], answer["class"]) == ("no_missing_effect", [])
 
 
-@pytest.mark.parametrize("seed", [1, 6, 7])
+@pytest.mark.parametrize("seed", cases(1, 6, 7))
 def test_a_bias_that_free_air_alone_shows_is_confirmed(seed: int) -> None:
     """In contact another surface takes its place, where the touches themselves are missing."""
     rng = np.random.default_rng(seed)
@@ -99,7 +100,7 @@ def test_a_bias_that_free_air_alone_shows_is_confirmed(seed: int) -> None:
     assert diagnose(from_arrays("bias", t, x, force)).answer["class"] == [["force_bias"]]
 
 
-@pytest.mark.parametrize("seed", [4, 9, 11])
+@pytest.mark.parametrize("seed", cases(4, 9, 11))
 def test_a_weight_on_a_crank_shows_in_free_air_and_is_named(seed: int) -> None:
     """In contact the body's power takes most of its place."""
     rng = np.random.default_rng(seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import Recording, from_arrays
@@ -32,7 +33,7 @@ def pressed(seed: int, law: str) -> Recording:
     return from_arrays(law, t, x + 0.03, force + NOISE_N * rng.normal(size=SAMPLES))
 
 
-@pytest.mark.parametrize("seed", [4, 5])
+@pytest.mark.parametrize("seed", cases(4, 5))
 def test_damping_that_grows_with_the_depth_is_named_after_hunt_and_crossley(seed: int) -> None:
     answer = diagnose(pressed(seed, "depth")).answer
     assert answer["class"] == [["hunt_crossley"]]

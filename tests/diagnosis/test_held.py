@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.samples.held import is_held, is_left
@@ -51,7 +52,7 @@ def test_the_surface_that_is_given_is_kept() -> None:
     assert diagnose(bolted(), surface=-0.02).base.model.base.name == "kelvin-voigt"
 
 
-@pytest.mark.parametrize("surface", [-6e-3, -1e-3, 4e-3])
+@pytest.mark.parametrize("surface", cases(-6e-3, -1e-3, 4e-3))
 @pytest.mark.parametrize(("base", "bias"), [("spring,viscous", 0.0), ("spring,viscous,bias", 0.8)])
 def test_terms_of_a_body_that_is_left_are_those_of_contact(
     base: str, bias: float, surface: float

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import Recording, from_arrays
@@ -70,7 +71,7 @@ def pressing(seed: int, *, weight_N: float, layer_N_per_m: float = 0.0) -> Recor
     return from_arrays("pressing", DT_S * np.arange(x.size), x + 0.11, force)
 
 
-@pytest.mark.parametrize("weight_N", [1.0, 3.0])
+@pytest.mark.parametrize("weight_N", cases(3.0, 1.0))
 def test_a_weight_hides_no_contact_and_is_named_beside_it(weight_N: float) -> None:
     """The larger one pushes in free air where the force rises as from a surface."""
     answer = diagnose(pressing(6, weight_N=weight_N), "kelvin-voigt").answer

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -303,7 +304,7 @@ def in_steps(record: Record, force: np.ndarray) -> Recording:
     return from_arrays("steps", record.t, record.position, step * np.round(force / step))
 
 
-@pytest.mark.parametrize("seed", [11, 13])
+@pytest.mark.parametrize("seed", cases(11, 13))
 def test_pink_noise_as_large_in_free_air_as_in_contact_is_noise_of_any_size(seed: int) -> None:
     """It is a seventh of the force, more than most sensors have."""
     record = make(seed, (), noise=0.14, kind="pink")
@@ -311,7 +312,7 @@ def test_pink_noise_as_large_in_free_air_as_in_contact_is_noise_of_any_size(seed
     assert answer["verdict"] == "no_missing_effect"
 
 
-@pytest.mark.parametrize("seed", [11, 13])
+@pytest.mark.parametrize("seed", cases(11, 13))
 def test_a_zero_that_jumps_in_free_air_and_contact_is_no_noise(seed: int) -> None:
     record = make(seed, (), noise=0.02)
     jumps = 0.3 * float(np.std(record.force)) * np.sign(np.sin(record.t * 1.9 + 0.3))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 from scipy.signal import lfilter
 
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -29,7 +30,7 @@ def test_a_bias_is_named_in_the_noise_of_an_instrument(seed: int, kind: str) -> 
     assert answer(seed, ("force_bias",), kind) == ("named", [["force_bias"]])
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", cases(0, 1))
 def test_noise_that_grows_with_the_speed_is_no_missing_effect(seed: int) -> None:
     record = make(seed, (), noise=0.002)
     speed = np.abs(np.gradient(record.position))

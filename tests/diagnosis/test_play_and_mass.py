@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.effects.kinematics import BEYOND_THE_MASS
@@ -36,7 +37,7 @@ def recorded(seed: int) -> Recording:
     return from_arrays("play", t, np.round((x + 0.07) / 1e-6) * 1e-6, force)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", cases(1, 2))
 def test_a_play_beyond_the_mass_is_a_play_and_no_second_mass(seed: int) -> None:
     answer = diagnose(recorded(seed), "stiffness,damping,mass").answer
     assert answer["class"] == [["backlash"]]

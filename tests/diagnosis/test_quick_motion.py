@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.samples.smoothing import half_window, too_quick
@@ -35,7 +36,7 @@ def _recorded(places_s: tuple[float, ...], seed: int) -> Recording:
     return from_arrays("made", _T, STEP_M * np.round(x / STEP_M), force)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", cases(1, 2, 3))
 def test_a_tool_that_springs_back_twice_leaves_nothing_missing(seed: int) -> None:
     answer = diagnose(_recorded((2.45, 6.55), seed), surface=0.0).answer
     assert answer["verdict"] == "no_missing_effect"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases import cases
 from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt, lsim, savgol_filter
 
@@ -98,7 +99,7 @@ def coarsely_pressed(seed: int, bias: float = 0.0, lost: int = 0) -> Recording:
 
 
 @pytest.mark.parametrize("lost", [0, 20])
-@pytest.mark.parametrize("seed", [0, 2, 4])
+@pytest.mark.parametrize("seed", cases(0, 2, 4))
 def test_a_converter_far_coarser_than_the_noise_is_no_effect(seed: int, lost: int) -> None:
     """In free air it reads one value, which may be off by half a step: that is no bias."""
     found = diagnose(coarsely_pressed(seed, lost=lost), "kelvin-voigt")
