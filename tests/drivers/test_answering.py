@@ -43,7 +43,7 @@ class Side:
         self.network = self.rig.networks[0]
         self.truths: list[list[float]] = []
         self.rig.on_truth = self.truths.append
-        self.network.serve_once()  # meets the other end
+        self.network.serve_once(())  # meets the other end
         self.rig.power_on()
         self.heard()
 
@@ -57,7 +57,7 @@ class Side:
         sent_ns = 0 if self._steps else stamp_ns
         packet = b"".join(FRAME.pack(name, len(data), data, sent_ns) for name, data in frames)
         os.write(self.end.door.door.descriptor, packet)
-        self.network.serve_once()
+        self.network.serve_once(())
         if time.monotonic_ns() - stamp_ns > SLOWEST_NS:
             raise TooSlowError
         return self.heard()

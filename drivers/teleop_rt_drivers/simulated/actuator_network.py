@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Protocol
 
 import can
@@ -133,7 +133,9 @@ class ActuatorNetwork:
         self.drive.run(now_ns)
         self._latched()  # those that answer measure when they are asked
 
-    serve_once = process
+    def serve_once(self, readable: Collection[int]) -> None:  # noqa: ARG002 - there is one bus
+        """Handle the waiting frames, as of now."""
+        self.process()
 
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""

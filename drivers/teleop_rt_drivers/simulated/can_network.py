@@ -24,7 +24,7 @@ from teleop_rt_drivers.simulated.frame_devices import (
 from teleop_rt_drivers.simulated.servo import PlainServo
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from teleop_rt_drivers.framed.config import RawCanPart
     from teleop_rt_drivers.simulated.frame_devices import FrameDevice
@@ -112,7 +112,9 @@ class CanNetwork:
         if measured:
             self._latched()
 
-    serve_once = process
+    def serve_once(self, readable: Collection[int]) -> None:  # noqa: ARG002 - there is one bus
+        """Handle the waiting frames, as of now."""
+        self.process()
 
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""

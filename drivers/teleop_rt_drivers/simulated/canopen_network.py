@@ -15,7 +15,7 @@ from teleop_rt_drivers.simulated.drive import ServoDrive
 from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, break_drive, mend_bus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from teleop_rt_drivers.can_frames import Outgoing
     from teleop_rt_drivers.canopen.config import CanopenPart
@@ -135,7 +135,7 @@ class CanopenNetwork:
         if handled or now_ns != self._timed_ns:  # else they have run at this very instant
             self._run_timers(now_ns)
 
-    def serve_once(self) -> None:
+    def serve_once(self, readable: Collection[int]) -> None:  # noqa: ARG002 - there is one bus
         """Handle the frames that wait, as of when the kernel received each."""
         frames = self._answering.left()
         if frames is None:

@@ -6,6 +6,7 @@ read them.
 
 from __future__ import annotations
 
+import binascii
 import struct
 from typing import TYPE_CHECKING, Protocol
 
@@ -162,16 +163,18 @@ def _after_a_byte(step: Callable[[int], int]) -> list[int]:
     return table
 
 
-_X25 = _after_a_byte(lambda crc: crc >> 1 ^ (0x8408 if crc & 1 else 0))
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Each byte with its bits in the other order."""
 _CRC8 = _after_a_byte(lambda crc: (crc << 1 ^ (0x07 if crc & 0x80 else 0)) & 0xFF)
 
 
 def crc16_x25(data: bytes) -> int:
-    """Return the CRC of X.25 (polynomial 0x1021, reflected)."""
-    crc = 0xFFFF
-    for byte in data:
-        crc = crc >> 8 ^ _X25[(crc ^ byte) & 0xFF]
-    return crc ^ 0xFFFF
+    """Return the CRC of X.25 (polynomial 0x1021, reflected).
+
+    It is the library's CRC, which is not reflected, of the bytes with their bits turned round.
+    """
+    turned = binascii.crc_hqx(data.translate(_REVERSED), 0xFFFF) ^ 0xFFFF
+    return _REVERSED[turned & 0xFF] << 8 | _REVERSED[turned >> 8]
 
 
 def crc8(data: bytes) -> int:

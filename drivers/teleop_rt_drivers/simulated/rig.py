@@ -12,7 +12,7 @@ from teleop_rt_drivers.simulated.faults import DRIVE_FAULTS, LASTING, SINGLE
 from teleop_rt_drivers.simulated.plant import Plant
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
@@ -53,8 +53,11 @@ class Network(Protocol):
     def process(self) -> None:
         """Handle the waiting frames, as of now."""
 
-    def serve_once(self) -> None:
-        """Handle the waiting frames, as of their arrival where that is known."""
+    def serve_once(self, readable: Collection[int]) -> None:
+        """Handle the waiting frames, as of their arrival where that is known.
+
+        Of its descriptors these were readable just now.
+        """
 
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""
@@ -138,12 +141,12 @@ class SimulatedRig:
             for network in networks:
                 wait_ns = min(wait_ns, network.due_ns(now_ns) - now_ns)
                 descriptors += network.descriptors()
-            try:  # noqa: SIM105 - its context costs as much as the call
-                select.select(descriptors, (), (), max(0, wait_ns) * 1e-9)
+            try:
+                readable, _, _ = select.select(descriptors, (), (), max(0, wait_ns) * 1e-9)
             except (OSError, ValueError):  # a line that is being pulled is no descriptor any more
-                pass
+                readable = descriptors
             for network in networks:
-                network.serve_once()
+                network.serve_once(readable)
             if now_ns - self._noted_ns > IDLE_ADVANCE_NS:
                 self._advance_idle()
 

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from teleop_rt.axis import AxisError
-from teleop_rt_drivers.framed.stream import StreamGoneError
+from teleop_rt_drivers.framed.stream import DescriptorStream, StreamGoneError
 from teleop_rt_drivers.simulated import frame_devices as devices
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.faults import break_drive
@@ -15,7 +15,7 @@ from teleop_rt_drivers.simulated.servo import ForceServo, PlainServo
 from teleop_rt_drivers.simulated.slow_converter import SlowConverter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from teleop_rt_drivers.framed.config import SerialPart
     from teleop_rt_drivers.framed.stream import ByteStream
@@ -57,6 +57,14 @@ SIMULATED: dict[str, MakeDevice] = {
 """Which device speaks a format."""
 
 
+NO_DESCRIPTOR = -1
+"""In place of a stream's descriptor where it is in this process."""
+
+
+def _descriptor_of(stream: ByteStream) -> int:
+    return stream.descriptor if isinstance(stream, DescriptorStream) else NO_DESCRIPTOR
+
+
 class SerialNetwork:
     """The devices of a serial rig, each at its stream."""
 
@@ -90,7 +98,10 @@ class SerialNetwork:
             if isinstance(device, FramedServo):
                 self.drive = device
         self._unplugged: list[FrameDevice] = []
-        self._items = [(device, self._streams[name]) for name, device in self.devices.items()]
+        self._items = [
+            (device, self._streams[name], _descriptor_of(self._streams[name]))
+            for name, device in self.devices.items()
+        ]
 
     def power_on(self) -> None:
         """Switch every device on."""
@@ -119,35 +130,38 @@ class SerialNetwork:
 
     def process(self) -> None:
         """Handle the waiting frames, as of now, and let the devices send those that are due."""
+        self.serve_once(self.descriptors())
+
+    def serve_once(self, readable: Collection[int]) -> None:
+        """Do the same, without a look at lines that are not among the readable ones."""
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         measured = False
-        for device, stream in self._items:
-            try:
-                data = stream.read()
-            except StreamGoneError:
-                continue
-            if data:
-                device.receive(data, now_ns)
+        for device, stream, descriptor in self._items:
+            if descriptor == NO_DESCRIPTOR or descriptor in readable:
+                try:
+                    data = stream.read()
+                except StreamGoneError:
+                    continue
+                if data:
+                    device.receive(data, now_ns)
             measured = device.run(now_ns) or measured
         for device in self._unplugged:  # goes on by itself, heard by nobody
             device.run(now_ns)
         if measured:
             self._latched()
 
-    serve_once = process
-
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""
-        return min((device.due_ns(now_ns) for device, _ in self._items), default=now_ns)
+        return min((device.due_ns(now_ns) for device, *_ in self._items), default=now_ns)
 
     def descriptors(self) -> list[int]:
         """Return the descriptor that becomes readable when there is something to do."""
-        return [stream.fileno() for _, stream in self._items if hasattr(stream, "fileno")]
+        return [descriptor for *_, descriptor in self._items if descriptor != NO_DESCRIPTOR]
 
     def close(self) -> None:
         """Release the lines."""
-        for _, stream in self._items:
+        for _, stream, _ in self._items:
             stream.close()
         self._items = []
 
