@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.contact.law import touches
 
@@ -30,15 +30,22 @@ class Corrections:
     """Corrects samples by fitted effects, tick by tick; `masked` counts those left out.
 
     `shift` is the correction of the newest position by effects that move the tip or the surface.
+    `phase_origin` is the position from which the phase of a ripple along the stroke was found: the
+    surface of that recording. Without it the phase counts from the surface met in this run.
     """
 
     def __init__(
-        self, effects: Sequence[FittedEffect], period_s: float, force_noise: float
+        self,
+        effects: Sequence[FittedEffect],
+        period_s: float,
+        force_noise: float,
+        phase_origin: float | None = None,
     ) -> None:
         def acting(kind: str) -> list[FittedEffect]:
             return [f for f in effects if f.effect.acts == kind]
 
         self._moving = acting("moves_position")
+        self._phase_origin = math.nan if phase_origin is None else phase_origin
         self._bending = sum(f.amplitude for f in acting("deflects"))
         self._slow = acting("filters_force")
         levels = [
@@ -82,7 +89,10 @@ class Corrections:
         for one, state in zip(self._moving, self._states, strict=False):
             if one.effect.stage == "material" and not met:
                 continue
-            value = one.effect.step(state, depth, rate, 0.0, self._time_s, self._period_s, one.eta)
+            at = depth
+            if math.isfinite(self._phase_origin) and _repeats_along_stroke(one.effect):
+                at = position - self._phase_origin
+            value = one.effect.step(state, at, rate, 0.0, self._time_s, self._period_s, one.eta)
             self.shift += one.amplitude * value
         position += self.shift - self._bending * force
         if not self._slow:
@@ -117,3 +127,8 @@ class Corrections:
         self._outliers = 0
         self._before, self._last = (self._last, force) if not off else (force, force)
         return False
+
+
+def _repeats_along_stroke(effect: Effect) -> bool:
+    """Return whether the effect is of the rig's own parts, with a phase at each position."""
+    return effect.stage == "tool" and any(shape.phase for shape in effect.shapes)

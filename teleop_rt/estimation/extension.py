@@ -33,12 +33,16 @@ _PATIENCE_S = 0.015
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """Base model, additive terms and corrections of an extended model."""
+    """Base model, additive terms and corrections of an extended model.
+
+    `surface` is that of the recording on which the effects were fitted, None where it was given.
+    """
 
     base: str
     terms: tuple[FittedEffect, ...] = ()
     corrections: tuple[FittedEffect, ...] = ()
     force_lag_s: float = 0.0
+    surface: float | None = None
 
     def rows(self, rows: list[RowSpec]) -> list[RowSpec]:
         """Return those rows of the base model, with the terms: frozen first, then estimated."""
@@ -70,6 +74,7 @@ class Extension:
             shapes={t.effect.name: t.eta[: len(t.effect.shapes)].tolist() for t in self.terms},
             starts=tuple(term.share for term in self.terms),
             corrections=self.corrections,
+            phase_origin=self.surface,
             force_lag_s=settings.force_lag_s + self.force_lag_s,
             lets_go=any(_remembers(term.effect) for term in self.terms),
         )
@@ -93,7 +98,9 @@ def extension_from(
         fitted_effect(place, one["name"], one.get("law", ""), one.get("parameters", {}), known)
         for one in document["effects"]
     )
-    return extension_of(place, document["base"]["model"], fitted)
+    base = document["base"]
+    extension = extension_of(place, base["model"], fitted)
+    return replace(extension, surface=base.get("parameters", {}).get("surface"))
 
 
 def extension_of(place: str, base: str, fitted: tuple[FittedEffect, ...]) -> Extension:

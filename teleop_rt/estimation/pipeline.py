@@ -67,7 +67,12 @@ class Pipeline:
         values = self._state.terms[: len(effects)]
         self._terms = Terms(effects, settings.shapes, values, rows[0].scales) if effects else None
         self._corrections = (
-            Corrections(settings.corrections, settings.period_s, settings.force_noise)
+            Corrections(
+                settings.corrections,
+                settings.period_s,
+                settings.force_noise,
+                settings.phase_origin,
+            )
             if settings.corrections
             else None
         )

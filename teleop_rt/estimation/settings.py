@@ -40,7 +40,8 @@ class PipelineSettings:
     given makes contact a matter of position alone. window_s is the length of an algebraic window;
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
     additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
-    before they are estimated (0 unless given). `corrections` act before everything. A body that
+    before they are estimated (0 unless given). `corrections` act before everything, those with a
+    phase along the stroke from `phase_origin` (None: the surface met). A body that
     `lets_go` has a memory by which it is met again deeper than its surface. A moving surface is
     tracked with the bandwidth `surface_tracking_hz`, 0 for a stationary one.
     """
@@ -70,6 +71,7 @@ class PipelineSettings:
     shapes: Mapping[str, Sequence[float]] = field(default_factory=dict)
     starts: tuple[float, ...] = ()
     corrections: tuple[FittedEffect, ...] = ()
+    phase_origin: float | None = None
     lets_go: bool = False
     surface_tracking_hz: float = 0.0
 

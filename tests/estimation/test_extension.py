@@ -188,6 +188,33 @@ def test_what_spoils_the_samples_no_longer_spoils_the_estimate(samples, effect, 
     assert (cured.masked > 0) == (effect in (LEVEL, SPARKS))
 
 
+def on_screw(pitch_error, pitch, phase, surface):
+    """Return samples whose tip is ahead of the encoder by a screw's error [m] along the stroke."""
+    tip, force, valid = record(PRESS, kelvin_voigt, lag=0.0)
+    encoder = tip.copy()
+    for _ in range(20):
+        encoder = tip - pitch_error * np.sin(2 * np.pi * (encoder - surface) / pitch + phase)
+    return encoder, force, valid
+
+
+def test_a_screw_keeps_its_phase_where_another_surface_is_met():
+    """Counted from each surface that was met, the phase before the first one was arbitrary."""
+    effect = ("position_ripple", "of a screw's pitch",
+              {"pitch_error": 2e-4, "pitch": 4e-3, "phase": 1.0})  # fmt: skip
+    diagnosed_at = PRESS.surface - 1.1e-3
+    samples = on_screw(2e-4, 4e-3, 1.0, diagnosed_at)
+    described = document(effect)
+    described["base"]["parameters"]["surface"] = diagnosed_at
+    extension = extension_from("model.yaml", described)
+    rows = extension.rows(rows_for(["kelvin-voigt"], ["direct"], ["rls"]))
+    settings = extension.settings(dataclasses.replace(SETTINGS, force_lag_s=0.0))
+    pipeline = Pipeline(rows, settings)
+    pipeline.run(*samples)
+    assert pipeline.contact.surface + pipeline.shift == pytest.approx(PRESS.surface, abs=3e-5)
+    assert pipeline.nrmse(0) < 0.002
+    assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.005)
+
+
 def test_a_slow_channel_shows_a_tap_without_the_way_to_it():
     """With the way to the surface in it, the position belonged to a force 1.4 N below, of 18 N."""
     tap_m = 5e-3 * np.sin(2 * np.pi * 3.0 * np.arange(2000) * 1e-3)
