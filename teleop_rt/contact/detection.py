@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.lagged_onset import N_RECURSION, surface_behind_lag
 from teleop_rt.contact.onset import surface_at_onset
 from teleop_rt.contact.slow_onset import (
     MOST_SETTLING,
@@ -57,8 +58,11 @@ Matrix = NDArray[np.float64]
     LETS_GO,
     FOLLOWED,
     SETTLING,
+    LAGGED,
+    RECURSION,
     AVERAGE,
-) = range(11)
+) = (*range(12), 11 + N_RECURSION)
+# From RECURSION on there is that of a slow force channel, if it is LAGGED and known.
 # From AVERAGE on there are the weights of a converter that settles in SETTLING samples.
 N_DETECTION = AVERAGE + MOST_SETTLING * POINTS + 1
 
@@ -214,21 +218,26 @@ def stay_or_leave(
 
 
 @kernel
-def meet_surface(
-    state: Vector, settings: Vector, positions: Vector, forces: Vector, measured: Vector, last: int
-) -> None:
+def meet_surface(state: Vector, settings: Vector, history: Matrix, last: int, room: Vector) -> None:
     """Take the surface from an onset out of free air, or have it awaited from an averaged force."""
+    positions, forces, apart = history[0], history[1], int(state[APART])
     state[ONSETS] += 1.0
     noise = settings[FORCE_NOISE]
     quiet = min(2.0 * noise, settings[RELEASE_FORCE])
     found, variance, before = surface_at_onset(
-        positions, forces, measured, last, int(state[APART]), noise, quiet
+        positions, forces, history[2], last, apart, noise, quiet
     )
     if before >= settings[RELEASE_FORCE]:
         return
     if settings[SETTLING] > 0.0:
         state[AWAITED] = float(waits(settings))
         return
+    # Where a surface is known, the position is made as slow as the force before it comes here.
+    if settings[LAGGED] > 0.0 and state[SURFACE_KNOWN] == 0.0:
+        recursion = settings[RECURSION : RECURSION + N_RECURSION]
+        found, variance = surface_behind_lag(
+            positions, forces, last, apart, noise, quiet, recursion, room
+        )
     state[MET_AT], state[MET_VARIANCE] = found, variance
     place_surface(state, settings, found, variance, positions[last])
 
@@ -286,7 +295,7 @@ def detect(
             state[FREE_SEEN] = 1.0
     if state[ABOVE] >= settings[ONSET_SAMPLES]:
         if state[FREE_SEEN] > 0.0 and state[FREE_TICKS] >= settings[FREE_AIR_TICKS]:
-            meet_surface(state, settings, positions, forces, history[2], index)
+            meet_surface(state, settings, history, index, room)
         return begin_contact(state)
     return NOTHING
 

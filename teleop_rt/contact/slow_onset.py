@@ -197,6 +197,19 @@ def weigh_places(errors: Vector, best: int, step: float, scale: float) -> tuple[
 
 
 @kernel
+def likeliest_place(
+    errors: Vector, best: int, low: float, step: float, noise: float, samples: float
+) -> tuple[float, float]:
+    """Return the mean place by likelihood, and its variance, of places a step apart from `low`.
+
+    errors (PLACES,): the squares that each leaves of so many samples, least at `best`.
+    """
+    scale = max(noise * noise, errors[best] / max(samples - SPARE, 1.0))
+    mean, spread = weigh_places(errors, best, step, scale)
+    return low + best * step + mean, spread + step * step / 12.0
+
+
+@kernel
 def surface_behind_averages(
     positions: Vector, forces: Vector, last: int, apart: int, since: int, noise: float,
     quiet: float, weights: Vector, span: int, room: Vector,
@@ -224,9 +237,7 @@ def surface_behind_averages(
                 path, weights, forces, last, near, half, air, low + j * step, sums
             )
             best = j if errors[j] < errors[best] else best
-        scale = max(noise * noise, errors[best] / max(sums[0] - SPARE, 1.0))
-        mean, spread = weigh_places(errors, best, step, scale)
-        found, variance = low + best * step + mean, spread + step * step / 12.0
+        found, variance = likeliest_place(errors, best, low, step, noise, sums[0])
         if variance > step * step:
             break
         low, high = low + (best - 1.0) * step, low + (best + 1.0) * step

@@ -30,8 +30,9 @@ class Corrections:
     """Corrects samples by fitted effects, tick by tick; `masked` counts those left out.
 
     `shift` is the correction of the newest position by effects that move the tip or the surface.
-    `phase_origin` is the position from which the phase of a ripple along the stroke was found: the
-    surface of that recording. Without it the phase counts from the surface met in this run.
+    `diagnosed_surface` is that of the recording from which the effects were found: from there the
+    phase of a ripple along the stroke counts, and every depth until a surface is met. Without it
+    they count from the surface met in this run, and from the encoder's zero before.
     """
 
     def __init__(
@@ -39,13 +40,13 @@ class Corrections:
         effects: Sequence[FittedEffect],
         period_s: float,
         force_noise: float,
-        phase_origin: float | None = None,
+        diagnosed_surface: float | None = None,
     ) -> None:
         def acting(kind: str) -> list[FittedEffect]:
             return [f for f in effects if f.effect.acts == kind]
 
         self._moving = acting("moves_position")
-        self._phase_origin = math.nan if phase_origin is None else phase_origin
+        self._diagnosed_surface = diagnosed_surface
         self._bending = sum(f.amplitude for f in acting("deflects"))
         self._slow = acting("filters_force")
         levels = [
@@ -84,14 +85,15 @@ class Corrections:
         rate = rate if math.isfinite(rate) else 0.0
         self._position = position
         met = math.isfinite(surface)
-        depth = position - surface if met else position
+        diagnosed = self._diagnosed_surface
+        origin = surface if diagnosed is None else diagnosed
+        along_stroke = position - origin if math.isfinite(origin) else position
+        depth = position - surface if met else along_stroke
         self.shift = 0.0
         for one, state in zip(self._moving, self._states, strict=False):
             if one.effect.stage == "material" and not met:
                 continue
-            at = depth
-            if math.isfinite(self._phase_origin) and _repeats_along_stroke(one.effect):
-                at = position - self._phase_origin
+            at = along_stroke if _repeats_along_stroke(one.effect) else depth
             value = one.effect.step(state, at, rate, 0.0, self._time_s, self._period_s, one.eta)
             self.shift += one.amplitude * value
         position += self.shift - self._bending * force

@@ -74,7 +74,7 @@ class Extension:
             shapes={t.effect.name: t.eta[: len(t.effect.shapes)].tolist() for t in self.terms},
             starts=tuple(term.share for term in self.terms),
             corrections=self.corrections,
-            phase_origin=self.surface,
+            diagnosed_surface=self.surface,
             force_lag_s=settings.force_lag_s + self.force_lag_s,
             lets_go=any(_remembers(term.effect) for term in self.terms),
         )

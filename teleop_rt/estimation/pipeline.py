@@ -71,7 +71,7 @@ class Pipeline:
                 settings.corrections,
                 settings.period_s,
                 settings.force_noise,
-                settings.phase_origin,
+                settings.diagnosed_surface,
             )
             if settings.corrections
             else None
@@ -119,7 +119,7 @@ class Pipeline:
             self._forget_the_approach()
             speed = one.length / one.time
             self._terms.advance(
-                m[index.MX] * one.length,
+                m[index.MX] * one.length + self._unmet_depth(),
                 m[index.MV] * speed,
                 m[index.MA] * speed / one.time,
                 q[index.TIME],
@@ -168,6 +168,15 @@ class Pipeline:
     def skip(self, ticks: int) -> None:
         """Let ticks pass that had no sample: the next one ends a gap of so many more."""
         skip(self._state, ticks)
+
+    def _unmet_depth(self) -> float:
+        """Return the depth of the place that counts as the surface until one is met, else 0.
+
+        A rig's spring or weight was fitted from the diagnosed surface on, and acts before it, too.
+        """
+        if self._surface_met or self.settings.diagnosed_surface is None:
+            return 0.0
+        return self._state.q.item(index.SURFACE_USED) - self.settings.diagnosed_surface
 
     def _forget_the_approach(self) -> None:
         """Empty the effects' memories when the surface is met: they were of free air."""

@@ -13,6 +13,7 @@ from teleop_rt.contact import detection
 from teleop_rt.contact import surface as surface_fit
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.fitted import FittedEffect
+from teleop_rt.contact.lagged_onset import N_RECURSION, recursion_of
 from teleop_rt.contact.slow_onset import settling_weights
 from teleop_rt.estimation import layout, selection
 from teleop_rt.estimation import rows as row_kinds
@@ -40,8 +41,8 @@ class PipelineSettings:
     given makes contact a matter of position alone. window_s is the length of an algebraic window;
     `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
     additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
-    before they are estimated (0 unless given). `corrections` act before everything, those with a
-    phase along the stroke from `phase_origin` (None: the surface met). A body that
+    before they are estimated (0 unless given). `corrections` act before everything. Effects
+    were fitted on a recording with the `diagnosed_surface`, if that is known. A body that
     `lets_go` has a memory by which it is met again deeper than its surface. A moving surface is
     tracked with the bandwidth `surface_tracking_hz`, 0 for a stationary one.
     """
@@ -71,7 +72,7 @@ class PipelineSettings:
     shapes: Mapping[str, Sequence[float]] = field(default_factory=dict)
     starts: tuple[float, ...] = ()
     corrections: tuple[FittedEffect, ...] = ()
-    phase_origin: float | None = None
+    diagnosed_surface: float | None = None
     lets_go: bool = False
     surface_tracking_hz: float = 0.0
 
@@ -160,7 +161,23 @@ def _detection_settings(one: PipelineSettings) -> Vector:
         weights = settling_weights(span)
         values[detection.SETTLING] = span
         values[detection.AVERAGE : detection.AVERAGE + len(weights)] = weights
+    recursion = _recursion_of_channel(one)
+    values[detection.LAGGED] = float(np.any(recursion != 0.0))
+    values[detection.RECURSION : detection.RECURSION + N_RECURSION] = recursion
     return values
+
+
+def _recursion_of_channel(one: PipelineSettings) -> Vector:
+    """Return the recursion of the slow force channel among the corrections, zeros without one."""
+    slow = [fitted for fitted in one.corrections if fitted.effect.acts == "filters_force"]
+    states = [np.zeros(max(1, fitted.effect.state_size)) for fitted in slow]
+
+    def respond(value: float) -> float:
+        for fitted, state in zip(slow, states, strict=True):
+            value = fitted.effect.step(state, value, 0.0, 0.0, 0.0, one.period_s, fitted.eta)
+        return value
+
+    return recursion_of(respond) if slow else np.zeros(N_RECURSION)
 
 
 def covariance_slot(row: RowSpec, forgetting: float) -> int:

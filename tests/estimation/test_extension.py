@@ -188,6 +188,15 @@ def test_what_spoils_the_samples_no_longer_spoils_the_estimate(samples, effect, 
     assert (cured.masked > 0) == (effect in (LEVEL, SPARKS))
 
 
+def pipeline_of(effect, diagnosed_surface, settings):
+    """Return a pipeline with an effect that was fitted beside a surface."""
+    described = document(effect)
+    described["base"]["parameters"]["surface"] = diagnosed_surface
+    extension = extension_from("model.yaml", described)
+    rows = extension.rows(rows_for(["kelvin-voigt"], ["direct"], ["rls"]))
+    return Pipeline(rows, extension.settings(settings))
+
+
 def on_screw(pitch_error, pitch, phase, surface):
     """Return samples whose tip is ahead of the encoder by a screw's error [m] along the stroke."""
     tip, force, valid = record(PRESS, kelvin_voigt, lag=0.0)
@@ -203,16 +212,31 @@ def test_a_screw_keeps_its_phase_where_another_surface_is_met():
               {"pitch_error": 2e-4, "pitch": 4e-3, "phase": 1.0})  # fmt: skip
     diagnosed_at = PRESS.surface - 1.1e-3
     samples = on_screw(2e-4, 4e-3, 1.0, diagnosed_at)
-    described = document(effect)
-    described["base"]["parameters"]["surface"] = diagnosed_at
-    extension = extension_from("model.yaml", described)
-    rows = extension.rows(rows_for(["kelvin-voigt"], ["direct"], ["rls"]))
-    settings = extension.settings(dataclasses.replace(SETTINGS, force_lag_s=0.0))
-    pipeline = Pipeline(rows, settings)
+    pipeline = pipeline_of(effect, diagnosed_at, dataclasses.replace(SETTINGS, force_lag_s=0.0))
     pipeline.run(*samples)
     assert pipeline.contact.surface + pipeline.shift == pytest.approx(PRESS.surface, abs=3e-5)
     assert pipeline.nrmse(0) < 0.002
     assert estimates(pipeline)["k"] == pytest.approx(3600, rel=0.005)
+
+
+def test_a_spring_of_the_rig_is_known_before_the_surface_is_met():
+    """Its rest counted from the place where the run began: 1 N too much was taken off the force."""
+
+    def law(x, v):
+        return kelvin_voigt(x, v) + 200.0 * (x + PRESS.surface)
+
+    spring = (
+        "return_spring",
+        "about its rest",
+        {"spring_stiffness": 200.0, "rest": -PRESS.surface},
+    )
+    samples = record(PRESS, law)
+    pipeline = pipeline_of(spring, PRESS.surface, SETTINGS)
+    pipeline.run(*(column[:150] for column in samples))
+    assert pipeline.contact.contact_id == 0
+    assert pipeline.rig_force == pytest.approx(samples[1][140:150].mean(), rel=0.03)
+    pipeline.run(*(column[150:] for column in samples))
+    assert pipeline.contact.surface == pytest.approx(PRESS.surface, abs=5e-5)
 
 
 def test_a_slow_channel_shows_a_tap_without_the_way_to_it():
