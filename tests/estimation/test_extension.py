@@ -312,7 +312,7 @@ def test_a_surface_that_recedes_is_followed_and_streamed():
         (document(("sticktion", "", {})), "no effect 'sticktion'"),
         (document(("backlash", "loose", {"gap": 1.0})), "its laws: centred"),
         (document(("coulomb_friction", "presliding", {"friction_force": 1.0})),
-         "no number for presliding_travel"),
+         "give a number for presliding_travel"),
     ],
 )  # fmt: skip
 def test_an_extended_model_that_cannot_run_says_why(made, words):
