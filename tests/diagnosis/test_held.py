@@ -52,6 +52,29 @@ def test_the_surface_that_is_given_is_kept() -> None:
     assert diagnose(bolted(), surface=-0.02).base.model.base.name == "kelvin-voigt"
 
 
+def test_a_place_given_in_the_middle_of_a_bolted_body_is_its_rest() -> None:
+    """A return spring was named in place of the base's own, whose stiffness was 0."""
+    plain, rubbed, stiff = (
+        diagnose(one, surface=0.0)
+        for one in (bolted(), bolted(1.2), recorded(350.0 * X_M + 6e6 * X_M**3))
+    )
+    assert [found.answer["class"] for found in (plain, rubbed, stiff)] == [
+        [], [["coulomb_friction"]], [["nonlinear_stiffening"]],
+    ]  # fmt: skip
+    assert {found.base.model.base.name for found in (plain, rubbed, stiff)} == {"spring,viscous"}
+    assert any("about that place" in note for note in plain.answer["notes"])
+
+
+@pytest.mark.parametrize("force", ["a spring of the rig", "adhesion"])
+def test_a_body_that_is_left_stays_one_where_its_place_is_given(force: str) -> None:
+    """The rig's spring pulls a third as hard as the body pushes, and has a slope everywhere."""
+    body = pressed(-1e-3, 0.0, adhesion=0.8 if force == "adhesion" else 0.0)
+    spring = 120.0 * (X_M + 1e-3) if force != "adhesion" else 0.0
+    found = diagnose(from_arrays("left", T_S, X_M, body.force + spring), surface=-1e-3)
+    assert found.base.model.base.name == "kelvin-voigt"
+    assert found.answer["class"] == [["adhesion" if force == "adhesion" else "return_spring"]]
+
+
 @pytest.mark.parametrize("surface", cases(-6e-3, -1e-3, 4e-3))
 @pytest.mark.parametrize(("base", "bias"), [("spring,viscous", 0.0), ("spring,viscous,bias", 0.8)])
 def test_terms_of_a_body_that_is_left_are_those_of_contact(

@@ -11,7 +11,7 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.diagnosis.criteria import NAMED_SHARE, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.explanation import highest_probability
 from teleop_rt.diagnosis.models.base import Base, base_of
-from teleop_rt.diagnosis.samples.held import HELD, LEFT
+from teleop_rt.diagnosis.samples.held import HELD, HELD_ABOUT, LEFT
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
 from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
@@ -66,11 +66,12 @@ def _of_surface(base: Base, recording: Recording, surface: float | None) -> list
     return [note] if note else []
 
 
-def _of_other_contact(base: Base, stated: str) -> list[str]:
+def _of_other_contact(base: Base, stated: str, surface: float | None) -> list[str]:
     """Return the note on a base that was exchanged: the body is fixed to the tool, or is left."""
     if base.touches == base_of(stated).touches:
         return []
-    return [(LEFT if base.touches else HELD).format(base=base.name)]
+    held = HELD if surface is None else HELD_ABOUT
+    return [(LEFT if base.touches else held).format(base=base.name, stated=stated)]
 
 
 def notes_of(
@@ -85,7 +86,7 @@ def notes_of(
 
     `stated` is the base and `surface` the place that the caller gave, None without one.
     """
-    found = _of_other_contact(base, stated) + _of_surface(base, recording, surface)
+    found = _of_other_contact(base, stated, surface) + _of_surface(base, recording, surface)
     stiffness = answer["base"]["parameters"].get("k", {"value": None})["value"]
     if stiffness is not None and not base.has_power:
         travel = float(np.ptp(recording.position))

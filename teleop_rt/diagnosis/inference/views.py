@@ -35,6 +35,7 @@ _LIKELIEST = 3  # candidates of which one shows the residual that a view of the 
 
 
 _AT_BOUND = 0.999  # of a surface's uncertainty; a fit beyond it is cut off by the bound
+_EMPTY = 0.1  # of the force over the travel; a base with a softer spring has none
 _WIDER = 3.0  # times the uncertainty whose bound a fit has reached
 
 
@@ -115,10 +116,14 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
 
     If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
     weight. A body that pulls only a little is taken for one that the tool leaves first. A base
-    without contact is that of contact where the tool leaves the body.
+    without contact is that of contact where the tool leaves the body. A surface that is given may
+    be the rest of a body that is fixed to the tool.
     """
     if surface is not None or recording.surface is not None:
         yield View(base, surface)
+        about_rest = bilateral(base, about_rest=True) if base.touches else None
+        if surface is not None and about_rest is not None and is_held(recording, SURE_PULL):
+            yield View(about_rest, surface)
         return
     touching = base if base.touches else unilateral(base)
     held = bilateral(base) if base.touches else base
@@ -143,7 +148,8 @@ def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
     any effect.
     """
     alone = made.plain.base
-    if made.inconclusive or view.base.touches == alone.model.base.touches:
+    alike = view.base.touches == alone.model.base.touches
+    if made.inconclusive or alike or _without_its_spring(made.found):
         return True
     problem, base = pose(recording, view.base, view.surface)
     left = held_out.deviation(problem, fit_base(problem, base))
@@ -165,7 +171,8 @@ def _explains_more(other: Judged, made: Judged) -> bool:
 
     Beside a judgement that names nothing complete, one that does must only err less. The errors are
     those of held-out blocks, on the samples in contact that both views use; of less than a
-    twentieth of the first one's nothing follows.
+    twentieth of the first one's nothing follows. An effect that stands in for the base's own spring
+    is one of these effects only in part.
     """
     found = [one.blocks.predicted(one.found.predicts, 0.0) for one in (other, made)]
     used = [one.where > 0.0 for one in found]
@@ -173,6 +180,16 @@ def _explains_more(other: Judged, made: Judged) -> bool:
     if np.count_nonzero(both) < _LEAST_COMMON * np.count_nonzero(used[1]):
         return False
     error, most = (float(np.sqrt(np.mean((f.problem.force - f.after)[both] ** 2))) for f in found)
-    fewer = len(other.found.predicts.names) < len(made.found.predicts.names)
+    instead_of_base = int(_without_its_spring(made.found))
+    fewer = len(other.found.predicts.names) < len(made.found.predicts.names) + instead_of_base
     names = made.inconclusive and other.found.judgement.verdict in {"named", "class"}
     return REDRAWN_NOISE_RATIO * error < most or (error <= most and (fewer or names))
+
+
+def _without_its_spring(found: Diagnosis) -> bool:
+    """Return whether another effect took the place of the base's spring, as where it also pulls."""
+    fit, scales = found.best, found.problem.motion.scales
+    stiffness = {one.name: value for one, value in zip(fit.model.linear, fit.theta, strict=True)}
+    return (
+        bool(fit.names) and stiffness.get("k", np.inf) < _EMPTY * scales["force"] / scales["travel"]
+    )

@@ -23,6 +23,10 @@ HELD = (
     " so the base is {base}, in which a bias and a rest position are one; if the body only pushes,"
     " give its place with --surface"
 )
+HELD_ABOUT = (
+    "the body pulls on the one side of the place given as it pushes on the other, so the base is"
+    " {base} about that place; {stated} would only push"
+)
 LEFT = (
     "the tool leaves the body: beyond a surface the force does not depend on the motion, so the"
     " base is {base}, which only pushes; for a body that is fixed to the tool, give the place at"
@@ -55,10 +59,15 @@ _IN_CONTACT = {"spring": "stiffness", "viscous": "damping", "bias": "bias"}
 """Terms of a body that is fixed to the tool, and those of one that is left."""
 
 
-def bilateral(base: Base) -> Base | None:
-    """Return the base of the same body where it is fixed to the tool, None if there is none."""
+def bilateral(base: Base, *, about_rest: bool = False) -> Base | None:
+    """Return the base of the same body where it is fixed to the tool, None if there is none.
+
+    `about_rest` where its place of rest is given: then it has no bias.
+    """
     name = _BILATERAL.get(base.name)
-    return None if name is None else base_of(name)
+    if name is None:
+        return None
+    return base_of(name.removesuffix(",bias") if about_rest else name)
 
 
 def is_held(recording: Recording, least_pull: float = LEAST_PULL) -> bool:
