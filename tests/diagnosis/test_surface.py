@@ -378,3 +378,18 @@ def test_a_surface_beyond_the_uncertainty_of_its_onset_is_found() -> None:
     assert found.answer["class"] == [["quadratic_damping"]]
     surface = found.problem.surface - found.best.model.shift(found.best.zeta)
     assert surface == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_surface_beyond_its_bound_is_sought_where_nothing_is_named_yet() -> None:
+    """A body that keeps most of each dent is met deeper each time, and the onset guessed deep."""
+    dt_s = 2e-3
+    t = dt_s * np.arange(8000)
+    position = 5e-3 - 3e-3 * np.cos(2.0 * np.pi * (0.2 + 0.072 * t) * t)
+    depth = position - 4e-3
+    left = depth - 0.6 * np.maximum.accumulate(np.maximum(depth, 0.0))
+    force = np.maximum(1250.0 * left + 12.0 * np.gradient(position, dt_s), 0.0) * (left > 0.0)
+    noise = lfilter([1.0], [1.0, -0.95], np.random.default_rng(0).standard_normal(t.size))
+    recording = from_arrays("dented", t, position, force + 0.015 * noise)
+    rivals = {"permanent_set", "softening", "stress_relaxation", "mullins_softening"}
+    laws = tuple(law for law in LIBRARY if law.name in rivals)
+    assert diagnose(recording, effects=laws).answer["class"] == [["permanent_set"]]

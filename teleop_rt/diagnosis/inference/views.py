@@ -34,7 +34,7 @@ _LEAST_COMMON = 0.05  # of a judgement's samples, on which another view is compa
 _LIKELIEST = 3  # candidates of which one shows the residual that a view of the contact may leave
 
 
-_AT_BOUND = 0.999  # of a surface's uncertainty; a fit beyond it is cut off by the bound
+_AT_BOUND = 0.99  # of a surface's uncertainty; a fit beyond it is cut off by the bound
 _EMPTY = 0.1  # of the force over the travel; a base with a softer spring has none
 _WIDER = 3.0  # times the uncertainty whose bound a fit has reached
 
@@ -75,7 +75,7 @@ def _with_surface_free(recording: Recording, made: Judged, effects: tuple[Effect
     while made.found.judgement.verdict != "no_missing_effect":
         if (view := _beyond_bound(made.found)) is None:
             break
-        wider = _judged(recording, view, effects, instead_of=made)
+        wider = _judged(recording, view, effects, instead_of=made, at_a_glance=False)
         if wider is made:
             break
         made = wider
@@ -83,8 +83,13 @@ def _with_surface_free(recording: Recording, made: Judged, effects: tuple[Effect
 
 
 def _beyond_bound(found: Diagnosis) -> View | None:
-    """Return the view of a surface about the bound at which the fit has it, None if at none."""
-    fit, within = found.best, found.problem.motion.scales.get("onset", 0.0)
+    """Return the view of a surface about the bound at which the fit has it, None if at none.
+
+    Where no set is named, the fit is that of the likeliest candidate.
+    """
+    tried = [] if found.judgement.sets else [ranked.fit for ranked in found.candidates]
+    fit = min(tried, key=lambda one: one.bic, default=found.best)
+    within = found.problem.motion.scales.get("onset", 0.0)
     if not fit.model.base.finds_surface:
         return None
     shift = fit.model.shift(fit.zeta)
@@ -95,18 +100,25 @@ def _beyond_bound(found: Diagnosis) -> View | None:
 
 
 def _judged(
-    recording: Recording, view: View, effects: tuple[Effect, ...], instead_of: Judged | None = None
+    recording: Recording,
+    view: View,
+    effects: tuple[Effect, ...],
+    instead_of: Judged | None = None,
+    *,
+    at_a_glance: bool = True,
 ) -> Judged:
     """Return the judgement of a view, or the one that it would replace where it explains no more.
 
-    Raises RecordingError if the view leaves no sample to judge.
+    `at_a_glance` a view is dropped whose candidates all leave more, before it is confirmed. Raises
+    RecordingError if the view leaves no sample to judge.
     """
     if instead_of is not None and not _may_explain(recording, view, instead_of):
         return instead_of
     posed = partial(pose, recording, view.base, view.surface)
     weighed = in_rounds(posed, recording, effects)
-    if instead_of is not None and _least_left(weighed) >= _left_by(instead_of):
-        return instead_of
+    glance = instead_of if at_a_glance else None
+    if glance is not None and _least_left(weighed) >= _left_by(glance):
+        return glance
     made = confirmed(recording, weighed, effects)
     return made if instead_of is None or _explains_more(made, instead_of) else instead_of
 
