@@ -177,6 +177,20 @@ def test_every_name_in_code_that_a_page_uses_exists(page, words):
     assert used - words - OF_OTHERS.keys() == set()
 
 
+def test_each_figure_of_the_readme_is_one_of_the_measurements():
+    """All numbers of a figure stand on one line of the page with all measurements."""
+    table = (ROOT / "README.md").read_text().partition("| quantity | figure | command |")[2]
+    figures = re.findall(r"^\| [^|\n]+ \| ([^|\n]*\d[^|\n]*) \| ", table, re.MULTILINE)
+    assert len(figures) == 10
+    measured = [
+        set(re.findall(r"\d+(?:\.\d+)?", line))
+        for line in (ROOT / "docs" / "measured.md").read_text().splitlines()
+    ]
+    for figure in figures:
+        numbers = set(re.findall(r"\d+(?:\.\d+)?", figure))
+        assert any(numbers <= line for line in measured), figure
+
+
 def test_the_bounds_of_a_stall_are_those_that_the_readme_states():
     """The bounds that a reader copies to hardware, and those of each rig that ships."""
     words = " ".join((ROOT / "README.md").read_text().split())
