@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from teleop_rt_drivers.doctor import examine_axis, frame_names
 from teleop_rt_drivers.examination import between_processes, simulation_first
 from teleop_rt_drivers.findings import Finding, worst
 from teleop_rt_drivers.observed_bus import ObservedBus
+from teleop_rt_drivers.rig_text import rig_text
 from teleop_rt_drivers.simulated.synchronous_bus import as_sent
 
 EVERY_KIND = ("canopen", "serial", "raw_can", "mixed", "unreferenced")
@@ -214,6 +216,34 @@ def test_check_prints_one_json_object_and_fails_on_an_error(call):
     code, out = call("check", RIGS / "simulated_serial.yaml")
     assert code == 0
     assert "% of 460800 bit/s is used at 1000 Hz" in out
+
+
+OPENED = """
+import sys
+from teleop_rt.cli import main
+opened = []
+def note(event, arguments):
+    if event == "open" and str(arguments[0]).startswith("/dev/ttyUSB"):
+        opened.append(arguments[0])
+sys.addaudithook(note)
+try:
+    main()
+except SystemExit:
+    print(len(opened), file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize(("command", "opens"), [("check", False), ("doctor", True)])
+def test_check_opens_no_port_of_a_rig_and_doctor_does(tmp_path, command, opens):
+    (tmp_path / "rig.yaml").write_text(rig_text("dynamixel", "serial", "wrench", None))
+    done = subprocess.run(
+        [sys.executable, "-c", OPENED, command, "rig.yaml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (int(done.stderr.split()[-1]) > 0) is opens
 
 
 def on_hardware(tmp_path, **link):

@@ -146,6 +146,21 @@ def test_a_file_that_is_there_is_left_as_it_is(tmp_path, call):
     assert str(tmp_path / "other.yaml") in out
 
 
+@pytest.mark.parametrize(
+    ("options", "step"),
+    [
+        (("unix", "--sensor", "wrench"), "teleop-rt run silicone_cube --set rig={}"),
+        (("unix", "--handle"), "teleop-rt run serial_handle --set operator.rig={}"),
+        (("slcan", "--handle"), "put in your own values for its placeholders, then teleop-rt ch"),
+    ],
+)
+def test_the_next_step_with_a_new_rig_is_printed(options, step, tmp_path, call):
+    file = tmp_path / "rig.yaml"
+    code, out, _ = call("new-rig", file, "--drive", "odrive", "--adapter", *options)
+    assert code == 0
+    assert out.splitlines()[-1].startswith(f"next: {step.format(file)}")
+
+
 def test_an_option_that_nobody_can_be_asked_for_is_named_and_nothing_is_written(tmp_path, call):
     file = tmp_path / "rig.yaml"
     code, _, err = call("new-rig", file, "--drive", "odrive")
