@@ -9,7 +9,7 @@ from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Kind, ModelMessage, MotionMessage, StateMessage
 from teleop_rt.link.statistics import Statistics
 from teleop_rt.link.transport import MemoryTransport
-from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 
 
@@ -140,6 +140,14 @@ def test_silence_is_the_time_since_the_last_accepted_packet_whatever_its_age() -
     assert pair.master.silence_ns(pair.now) == 0
     pair.run(300)
     assert pair.master.silence_ns(pair.now) == 201 * MS
+
+
+def test_a_slave_that_no_longer_answers_is_reported_after_two_seconds() -> None:
+    pair = Pair(back=Impairment(0, blackouts_ns=((1000 * MS, 9000 * MS),)))
+    pair.run(2900)
+    assert pair.master.trouble_code(pair.now) == 0
+    pair.run(200)
+    assert pair.master.trouble_code(pair.now) == NOTHING_TROUBLE
 
 
 def test_round_trip_and_clock_offset_are_estimated() -> None:

@@ -151,6 +151,24 @@ def test_a_stop_that_nobody_takes_is_reported_with_what_stops_the_axis(
         request("stop", None)
 
 
+def test_a_stop_asks_a_command_server_that_hangs_for_10_to_12_seconds(own_ring_folder, monkeypatch):
+    clock = Passing()
+
+    def hang(_socket, patience_s: float) -> None:
+        clock.sleep(patience_s)
+        raise TimeoutError
+
+    monkeypatch.setattr(client, "time", clock)
+    monkeypatch.setattr(client, "connect", hang)
+    with (
+        claimed("Bench rig", ["can0"], own_ring_folder) as place,
+        bind(place.socket),
+        pytest.raises(DaemonError, match=rf"`kill {os.getpid()}`"),
+    ):
+        request("stop", None)
+    assert 10.0 < clock.monotonic() <= 12.0
+
+
 def test_a_reload_is_reported_once_the_daemon_runs_with_its_config(own_ring_folder, monkeypatch):
     monkeypatch.setattr(client, "time", Passing())
     before, after = (

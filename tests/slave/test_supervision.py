@@ -323,13 +323,16 @@ def test_the_measured_velocity_has_a_bound(velocity, fault):
     assert found is fault
 
 
-def test_an_armed_axis_waits_for_its_drive_s_power_no_longer_than_enabling_may_take():
-    supervision = Supervision(SupervisionConfig(drive_enable_ms=200), LIMITS, 1000)
+@pytest.mark.parametrize(("settings", "ticks"), [({}, 3000), ({"drive_enable_ms": 200}, 200)])
+def test_an_armed_axis_waits_for_its_drive_s_power_no_longer_than_enabling_may_take(
+    settings, ticks
+):
+    supervision = Supervision(SupervisionConfig(**settings), LIMITS, 1000)
     off = Sample(enabled=False, drive_position=None, drive_force=None)
     for _ in range(3):
         supervision.reset()
-        found = [supervision.check(off, 0.0, 0.0, follows=False) for _ in range(201)]
-        assert found == [*[None] * 200, faults.DRIVE_SILENT]
+        found = [supervision.check(off, 0.0, 0.0, follows=False) for _ in range(ticks + 1)]
+        assert found == [*[None] * ticks, faults.DRIVE_SILENT]
 
 
 @pytest.mark.parametrize("rig", ["damiao", "robstride", "dynamixel", "feetech"])
