@@ -12,6 +12,7 @@ import pytest
 from typer.core import TyperGroup
 
 from teleop_rt.cli import whole_run
+from teleop_rt.extras import install_command
 from teleop_rt_drivers import opening, operator_device
 
 README = Path(__file__).parents[1] / "README.md"
@@ -59,11 +60,19 @@ def test_the_trial_as_run_runs_again_to_the_same_recording(call, tmp_path):
 
 @pytest.mark.usefixtures("no_pages")
 def test_a_run_without_a_terminal_prints_a_table_with_units(call):
-    code, out, _ = call("run", SILICONE, "--clock", "simulated", "--duration", 2)
+    code, out, err = call("run", SILICONE, "--clock", "simulated", "--duration", 2)
     assert code == 0
+    assert err.splitlines()[-1] == f"no report.html: `{install_command('report')}` adds it"
     assert "surface found / true" in out
     assert "N s/m" in out
     assert "files in runs/silicone_cube-" in out
+
+
+@pytest.mark.usefixtures("no_pages")
+def test_a_report_without_its_extra_is_refused_with_what_adds_it(call, tmp_path):
+    (tmp_path / "one").mkdir()
+    refusal = f"no report: `{install_command('report')}` adds it\n"
+    assert call("report", "one") == (2, "", refusal)
 
 
 @pytest.mark.parametrize(
