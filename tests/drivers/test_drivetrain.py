@@ -135,8 +135,11 @@ def test_a_spring_calibrates_the_lag_of_a_drive_s_torque(drive, tmp_path, call):
     spring = ("plant.environment.damping_N_s_per_m=0", f"rig={rig}", *felt)
     run(trial(*spring, duration_s=8.0), made(tmp_path / "spring"))
     recording = tmp_path / "spring" / "recording.mcap"
-    code, _, err = call("calibrate", "lag", rig, recording, "--write")
+    code, out, err = call("calibrate", "lag", rig, recording, "--write")
     assert code == 0, err
+    printed = dict(re.findall(r"^(mass|stiffness) +([\d.]+) N", out, re.MULTILINE))
+    assert float(printed["mass"]) == pytest.approx(2.0, rel=0.1)
+    assert float(printed["stiffness"]) == pytest.approx(3600.0, rel=0.05)
     found = load_rig(rig, registry.AXIS_SCHEMAS)
     (written,) = re.findall(r"torque_lag_ms: (\S+)", rig.read_text())
     stated_ms = STEPS_SHARE * 1.0  # the deviation that the calibration states at 1 kHz

@@ -156,6 +156,17 @@ def test_the_readme_shows_what_the_default_trial_prints(default_run):
         assert numbers[0] == pytest.approx(numbers[1], rel=0.02, abs=1e-4), line
 
 
+@pytest.mark.parametrize("seconds", [None, 1.64])
+def test_the_time_to_the_first_tick_is_printed_where_the_clock_is_the_machines(
+    default_run, seconds
+):
+    printed = io.StringIO()
+    summary = default_run[1] | {"start_up_s": seconds}
+    print_summary(Console(file=printed, width=200), summary, silicone().rig.units)
+    found = re.findall(r"first tick +(.+?) *\n", printed.getvalue())
+    assert found == ([] if seconds is None else ["1.6 s after the command"])
+
+
 def test_the_slave_stays_under_its_force_cap(default_run):
     folder, _ = default_run
     slave = read_topics(folder / "recording.mcap", ["/slave"])["/slave"]
