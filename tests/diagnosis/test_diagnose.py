@@ -105,10 +105,12 @@ def test_the_size_of_a_delay_and_of_a_bias_are_found_with_their_signs() -> None:
     assert bias["value"] == pytest.approx(-0.7, abs=5 * bias["std"])
 
 
-def test_two_effects_are_named_together() -> None:
+def test_two_effects_are_named_together_and_the_one_that_explains_more_comes_first() -> None:
     record = recorded_for(51, ("coulomb_friction", "force_bias"), size=0.1, noise=0.01)
     found = answer(record)
     assert {e["name"] for e in found["effects"]} == {"coulomb_friction", "force_bias"}
+    first, second = (e["explains"] for e in found["effects"])
+    assert first > second
 
 
 @pytest.mark.parametrize("effect", ["pulsating_stiffness", "depth_waves"])
