@@ -217,7 +217,7 @@ def test_a_user_file_is_used_again_by_another_process_and_after_a_change(tmp_pat
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("EFFECTS = ()", "must be a tuple"),
+        ("EFFECTS = ()", "write EFFECTS = "),
         ("EFFECTS = (3,)", "contains int: write Effect"),
         ("import nothing_like_this", "ModuleNotFoundError"),
         (USER_FILE.replace("buried_grain", "hysteresis").replace("family", "law='plain', family"),
@@ -228,9 +228,9 @@ def test_a_user_file_is_used_again_by_another_process_and_after_a_change(tmp_pat
         (USER_FILE.replace('"material"', '"matter"'), "stage is 'matter'"),
         (USER_FILE.replace('"render"', '"renders"'), "compensation is 'renders'"),
         (USER_FILE.replace('"travel"', '"depth"'), "relative_to of depth is 'depth'"),
-        (USER_FILE.replace("{depth} deep", "{dept} deep"), "may name {grain}, {depth}"),
+        (USER_FILE.replace("{depth} deep", "{dept} deep"), "name only {grain}, {depth}"),
         (USER_FILE.replace("{depth} deep", "{depth:.2f} deep"), "without a format"),
-        (USER_FILE.replace("max(x - eta[0], 0.0) ** 3", "1.0 / (x - 1e-3)"), "gives"),
+        (USER_FILE.replace("max(x - eta[0], 0.0) ** 3", "1.0 / (x - 1e-3)"), "return a finite"),
     ],
 )  # fmt: skip
 def test_a_user_file_that_cannot_be_used_is_refused(

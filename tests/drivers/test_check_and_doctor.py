@@ -54,7 +54,7 @@ def test_every_shipped_rig_passes(kind):
         ("raw_can", ("bitrate: 1000000", "bitrate: 250000"), "216 % of 250000 bit/s"),
         ("serial", ("field: count", "field: edges"), "no field 'edges'"),
         ("canopen", ("scale_m_per_count: 1.0e-6", "scale_m_per_count: 1.0e-11"), "32 bits"),
-        ("unreferenced", ("zero: unknown", "zero: encoder"), "axis.drive.zero must be unknown"),
+        ("unreferenced", ("zero: unknown", "zero: encoder"), "axis.drive.zero: write unknown"),
         ("unreferenced", ("bit: 2 ", "entry: '0x6041'\n      bit: 2 "), "not carry 0x6041"),
     ],
 )

@@ -122,7 +122,7 @@ def test_a_cybergear_has_its_own_limits_and_no_watchdog(tmp_path):
         ("servo", "unix", "wrench", "--drive servo: is not one of odrive"),
         ("odrive", "usb", "wrench", "--adapter usb: is not one of socketcan"),
         ("odrive", "unix", "scale", "--sensor scale: is not one of wrench"),
-        ("odrive", "unix", "drive-input", "only --drive canopen sends the value of its"),
+        ("odrive", "unix", "drive-input", "only --drive canopen sends its analog input"),
         ("moteus", "slcan", "wrench", "moteus needs CAN FD"),
         ("moteus", "serial", "wrench", "moteus is on a CAN bus"),
         ("feetech", "slcan", "wrench", "feetech is on a serial line"),

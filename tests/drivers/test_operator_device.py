@@ -238,7 +238,9 @@ def test_a_wrong_device_is_refused_with_its_key(change, said):
 )
 def test_a_device_is_no_rig_for_the_slave(rig, driver):
     trial = load_trial_file(CANOPEN, [f"rig=../rigs/{rig}.yaml", "plant=null"])
-    with pytest.raises(AxisError, match=rf"{driver} is for operator\.rig"):
+    with pytest.raises(
+        AxisError, match=rf"{driver} measures no force: name this rig in operator\.rig"
+    ):
         opening.open_axis(trial.rig, lambda: 0)
 
 
