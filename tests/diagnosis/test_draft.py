@@ -50,6 +50,12 @@ def pressed(extra: str = "", base: str = "kelvin-voigt", seed: int = 1) -> Recor
         for i in range(1, x.size):
             arm[i] = (arm[i - 1] + depth[i] - depth[i - 1]) * np.exp(-1e-3 / 0.12)
         force = force + 900.0 * arm
+    if extra == "bridge":
+        # Wetted in contact, the tool is pulled back in air until the bridge breaks at 2 mm.
+        wet = np.zeros(t.size)
+        for i in range(1, t.size):
+            wet[i] = 1.0 if x[i] > 0.0 else wet[i - 1] * (x[i] > -0.002)
+        force = force - 0.8 * wet * (x <= 0.0) * np.clip(1.0 + x / 0.002, 0.0, 1.0)
     return from_arrays(extra or "plain", t, x, force + 0.02 * rng.standard_normal(t.size))
 
 
@@ -98,6 +104,16 @@ def test_the_shares_report_the_dependence_of_the_residual(extra: str, groups: se
     assert own > 0.5
     assert own > 1.5 * (sum(law.shares.values()) - own)
     assert sum(law.shares.values()) <= 1.001
+
+
+def test_a_bridge_that_pulls_in_air_is_drafted_by_a_pull_on_withdrawal() -> None:
+    """Without a term of the way out in air alone, the draft left more than half of its force."""
+    problem, fit = posed(pressed("bridge"))
+    law = law_of(problem, fit)
+    assert law is not None
+    assert not law.only_in_contact
+    assert sum(law.shares.values()) > 0.6
+    assert law.shares["velocity"] > 0.4
 
 
 def test_a_dependence_on_time_is_reported_and_not_drafted() -> None:

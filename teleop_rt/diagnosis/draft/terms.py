@@ -177,6 +177,10 @@ _IN_CONTACT = [
       for w in (0.02, 0.08)),
     *(Term("velocity", "adhesion", f"(1.0 - tanh(u / 0.05)) * exp(-r / {w:g})",
            "withdrawal near the surface") for w in (0.02, 0.08)),
+    # An adhesive bridge pulls the tool back in free air until it breaks, and not on the way in.
+    *(Term("velocity", "adhesion",
+           f"(1.0 - tanh(u / 0.05)) * (1.0 - tanh(s / 0.002)) * exp(-r / {w:g})",
+           "withdrawal beyond the surface") for w in (0.01, 0.03, 0.09)),
 ]  # fmt: skip
 _WITHOUT = [Term("position", "stiffening", "abs(s)", "the distance from the middle")]
 _VELOCITY = [
