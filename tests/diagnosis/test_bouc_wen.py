@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 from numpy.typing import NDArray
 
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -26,7 +27,7 @@ def bouc_wen(x: NDArray[np.float64], beta: float, gamma: float) -> NDArray[np.fl
     return found
 
 
-@pytest.mark.parametrize("beta", [0.4, 0.6, 0.85])
+@pytest.mark.parametrize("beta", cases(0.4, 0.6, 0.85))
 def test_hysteresis_is_named_however_it_unloads(beta: float) -> None:
     t = np.arange(0.0, 16.0, DT)
     x = 2e-3 + 3e-3 * np.sin(2 * np.pi * 0.43 * t - 1.0) + 8e-4 * np.sin(2 * np.pi * 1.7 * t)

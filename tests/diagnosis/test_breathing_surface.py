@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import from_arrays
 
 
-@pytest.mark.parametrize(("recedes_m_per_s", "seed"), [(1e-4, 1), (-2e-4, 2), (2e-4, 3)])
+@pytest.mark.parametrize(("recedes_m_per_s", "seed"), [(-2e-4, 2), *cases((1e-4, 1), (2e-4, 3))])
 def test_a_breathing_surface_that_drifts_leaves_stiffness_alone(
     recedes_m_per_s: float, seed: int
 ) -> None:
     """The drift became a relaxation of 36 s, and k a third of the true one."""
-    t = 0.001 * np.arange(20_000)
+    dt_s = 0.004
+    t = dt_s * np.arange(5000)
     x = 0.020 + 5e-3 * np.sin(2.0 * np.pi * 0.9 * t) + 3e-3 * np.sin(2.0 * np.pi * 0.37 * t + 1.0)
     angle = 2.0 * np.pi * 0.3 * t
     depth = x - 0.0137 - recedes_m_per_s * t - 2.5e-3 * np.sin(angle)
-    speed = np.gradient(depth, 0.001)
+    speed = np.gradient(depth, dt_s)
     force = np.where(depth > 0.0, np.maximum(0.0, 3600.0 * depth + 20.0 * speed), 0.0)
     force += 0.05 * np.random.default_rng(seed).standard_normal(t.size)
     answer = diagnose(from_arrays("breath", t, 5e-6 * np.round(x / 5e-6), force)).answer

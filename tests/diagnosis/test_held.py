@@ -221,7 +221,7 @@ def test_a_second_effect_is_named_beside_a_large_exact_delay() -> None:
     assert [sorted(names) for names in answer["class"]] == [["channel_delay", "softening"]]
 
 
-@pytest.mark.parametrize("middle", [-0.0175, -0.0165, -0.0155])
+@pytest.mark.parametrize("middle", cases(-0.0155, -0.0165, -0.0175))
 def test_a_return_spring_that_hides_the_touch_is_named_and_no_layer(middle: float) -> None:
     """Its slope in air was taken for a body, and the body for a second layer that is late."""
     rng, t = np.random.default_rng(17), 2e-3 * np.arange(6000)
