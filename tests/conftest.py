@@ -44,7 +44,7 @@ LONGEST = (
     *("diagnosis/test_not_noise", "diagnosis/test_noise", "diagnosis/test_linkage"),
     *("diagnosis/test_surface", "diagnosis/test_second", "diagnosis/test_steps"),
     *("diagnosis/test_measured", "diagnosis/test_noise_colours", "diagnosis/test_held"),
-    *("diagnosis/test_breathing_surface", "diagnosis/test_discrepancy", "diagnosis/test_pairs"),
+    *("diagnosis/test_discrepancy", "diagnosis/test_pairs"),
     *("diagnosis/test_detectable", "diagnosis/test_dropouts", "diagnosis/test_filtered"),
     *("diagnosis/test_reading", "diagnosis/test_report", "diagnosis/test_beginning"),
     *("diagnosis/test_relaxing", "diagnosis/test_work"),

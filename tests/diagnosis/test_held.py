@@ -87,7 +87,7 @@ def test_terms_of_a_body_that_is_left_are_those_of_contact(
     assert any("leaves the body" in note for note in answer["notes"])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 4])
+@pytest.mark.parametrize("seed", cases(1, 2, 4))
 def test_a_bias_in_the_base_is_not_cut_where_the_body_would_pull(seed: int) -> None:
     """The body lets go with a jump of its damping; a bias was named beside the base's own."""
     rng, t = np.random.default_rng(seed), DT_S / 8 * np.arange(7500 * 8)

@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import Recording, from_arrays
 
-DT_S, SAMPLES = 2e-3, 4000
+DT_S, SAMPLES = 4e-3, 2000
 STIFFNESS_N_PER_M, VISCOUS_N_S_PER_M, STROKE_M, NOISE_N = 2500.0, 6.0, 4e-3, 0.03
 
 
