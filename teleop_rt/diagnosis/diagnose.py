@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.answers.detectable import detectable
 from teleop_rt.diagnosis.answers.errors import HeldOut
 from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
-from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_time
+from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_lost_contact, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
 from teleop_rt.diagnosis.answers.residuals import nearest, predict_recording
 from teleop_rt.diagnosis.criteria import SECOND_SHARE
@@ -122,7 +122,7 @@ def _add_notes(
     hints = (turned_sign(found.problem, found.base.model), other_base(found))
     answer["notes"] += [hint for hint in hints if hint is not None]
     answer["notes"] += notes_of(answer, model, base, recording, surface, made.weighed.samples)
-    answer["notes"] += made.signs
+    answer["notes"] += of_lost_contact(found.problem, found.predicts, start) + list(made.signs)
     times = [(start + n * recording.dt, start + m * recording.dt) for n, m in made.weighed.lost]
     answer["notes"] += [of_dropout(*pair) for pair in times]
     answer["gaps"]["count"] += len(made.weighed.lost)

@@ -69,6 +69,24 @@ def test_the_samples_that_are_kept_beside_a_stretch_are_not_chosen_by_their_nois
         assert abs(float(np.mean(noise[beside]))) < 4.0 / np.sqrt(beside.size)
 
 
+@pytest.mark.parametrize("stands_still", [True, False])
+def test_a_force_that_stands_still_during_a_touch_is_reported(stands_still: bool) -> None:
+    """Its samples look like a late touch, and the rest of the recording is complete."""
+    t = np.arange(6000) * DT_S
+    x = 0.002 - 0.006 * np.cos(2 * np.pi * 0.9 * t)
+    force = 3600.0 * np.maximum(x, 0.0) + 5.0 * np.gradient(x, DT_S) * (x > 0.0)
+    if stands_still:
+        touch = int(np.flatnonzero((x[1:] > 0.0) & (x[:-1] <= 0.0))[2])
+        force[touch - 20 : touch + 90] = force[touch - 20]
+    force += NOISE_N * np.random.default_rng(8).normal(size=t.size)
+    answer = diagnose(from_arrays("made", t, x, force), "kelvin-voigt", surface=0.0).answer
+    said = [note for note in answer["notes"] if "stood still" in note]
+    assert answer["verdict"] == "no_missing_effect"
+    assert len(said) == stands_still
+    if stands_still:
+        assert f"first at {touch * DT_S:.2f} s" in said[0]
+
+
 def crept(*, lets_go: float) -> tuple[np.ndarray, ...]:
     """Return force, x, v and where it touches: pressed all along, held deep and near the surface.
 

@@ -134,6 +134,19 @@ def test_a_motor_that_runs_up_is_no_noise(seed: int) -> None:
     assert "frequency changes" in notes
 
 
+@pytest.mark.parametrize("seed", cases(21, 22, 23))
+def test_a_frame_that_rings_at_moments_of_its_own_is_no_noise(seed: int) -> None:
+    """Its tones have phases of their own: their sum lies to no side and repeats nowhere."""
+    rng, ringing = np.random.default_rng(700 + seed), np.zeros(_T.size)
+    for at in rng.uniform(0.0, _T[-1], 14):
+        since = np.maximum(_T - at, 0.0)
+        tone = np.sin(2.0 * np.pi * 22.0 * since + rng.uniform(0.0, 2.0 * np.pi))
+        ringing += 0.04 * (_T > at) * np.exp(-since / 0.06) * tone
+    verdict, notes = _judged(_recorded(_swung(), ringing, seed))
+    assert verdict == "unexplained"
+    assert "comes in bursts" in notes
+
+
 @pytest.mark.parametrize("seed", cases(14, 11, 12, 13))
 def test_pulses_at_moments_of_their_own_are_no_noise(seed: int) -> None:
     rng, pulses = np.random.default_rng(200 + seed), np.zeros(_T.size)

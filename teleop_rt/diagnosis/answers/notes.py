@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.criteria import NAMED_SHARE, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.explanation import highest_probability
 from teleop_rt.diagnosis.models.base import Base, base_of
+from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.samples.held import HELD, HELD_ABOUT, LEFT
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
@@ -29,6 +31,8 @@ _FOREIGN = 0.5
 _ROUNDED = 1e-3  # of a probability, as the answer states it
 _LEAST_OF_TIME = 0.1
 """Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
+_LOST_CONTACT_S = 0.03  # s; a touch, and the settling of a filter after it, are shorter
+_LOST_CONTACT_RATIO = 10.0  # of the residual there to its deviation elsewhere
 _RESTS_ON = {
     "away from touches": (
         "20 ms around each touch and release were left out: there the force is slightly early or"
@@ -196,6 +200,33 @@ def of_dropout(first_s: float, past_s: float) -> str:
         f"from {first_s:.3f} to {past_s:.3f} s the force error of any model is ten times larger"
         " than usual, and counts as a gap: did the sensor drop out? Check its connection"
     )
+
+
+def of_lost_contact(problem: Problem, fit: Fit, start: float) -> list[str]:
+    """Return the note on stretches beyond the surface that were left out, and contradict the fit.
+
+    They show the force of free air (see `lost_contact`); `start` is the time of the first sample
+    [s]. Where the model has no force either, nothing contradicts it.
+    """
+    motion, used = problem.motion, problem.whitener.mask > 0.0
+    off = np.abs(problem.residual(fit))
+    least = _LOST_CONTACT_RATIO * float(np.sqrt(np.mean(off[used] ** 2)))
+    inside = touches(motion.x + fit.model.shift(fit.zeta))
+    lost = [
+        (first, past)
+        for first, past in stretches(inside & ~used)
+        if (past - first) * motion.dt >= _LOST_CONTACT_S
+        and np.median(off[first:past]) > least
+        and np.any(used[:first])
+    ]
+    if not lost:
+        return []
+    seconds = motion.dt * sum(past - first for first, past in lost)
+    return [
+        f"{seconds:.2g} s beyond the surface show the force of free air, and were left out"
+        f" (in {len(lost)} of the touches, first at {start + lost[0][0] * motion.dt:.2f} s): the"
+        " tool lost the body there, or the force channel stood still; check its connection"
+    ]
 
 
 def of_time(shares: Mapping[str, float] | None) -> list[str]:

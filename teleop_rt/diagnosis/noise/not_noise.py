@@ -3,7 +3,7 @@
 A spectrum does not see phases. A force that depends on the place alone, a chatter that comes with
 slow motion, a contact that is loose now and then, or a body that kicks passes for noise of that
 colour. Noise does not repeat where the tool passes again, does not follow the motion, does not wait
-for a speed or a place, and is about Gaussian.
+for a speed, a place or a moment, and is about Gaussian.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ _STROKES = 4  # of a window in which a residual may follow the motion: two cycle
 _FEWEST_WINDOWS = 4  # of fewer, noise of a narrow band follows by chance
 _FOLLOWING, _FOLLOWING_RATIO = 0.5, 4.0  # share of a window's power; odds over those of draws
 _WINDOWS = 24  # of a recording, in each of which the kurtosis of a residual is taken
+_BURST_S, _FEWEST_OF_WINDOW = 0.1, 8  # s and samples of a window whose power is taken
+_BURST_RATIO = 1.5  # of mean to median power, over that of draws, at which bursts hold a third
 _FLATTEST = 1.8  # kurtosis of an even distribution; two levels have 1, a tone 1.5, noise has 3
 
 
@@ -46,14 +48,15 @@ class Signature(NamedTuple):
 
     `repeats` is the correlation of its halves by place, `levels` the largest deviation of a group
     of samples over the smallest, by each of `_CAUSES`, `skew` how far it lies to one side,
-    without its sign, `flatness` the kurtosis within short times, and `follows` the share that a few
-    cycles of the motion explain.
+    without its sign, `flatness` the kurtosis within short times, `bursts` the mean power of short
+    windows over their median, and `follows` the share that a few cycles of the motion explain.
     """
 
     repeats: float
     levels: Vector
     skew: float
     flatness: float
+    bursts: float
     follows: float
 
 
@@ -67,7 +70,7 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     residual = problem.residual(fit)
     seen = _signature(residual, problem.motion, used)
     drawn = [_signature(row, problem.motion, used) for row in _draws(problem, fit, errors)]
-    repeats, levels, skew, flatness, follows = (
+    repeats, levels, skew, flatness, bursts, follows = (
         np.array(values) for values in zip(*drawn, strict=True)
     )
     found = []
@@ -96,6 +99,12 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
             " levels (check plugs and wires of the force sensor, and its mount for play), or is a"
             " tone whose frequency changes, as of a motor that runs up"
         )
+    if seen.bursts > _BURST_RATIO * float(np.max(bursts)):
+        found.append(
+            "the base's residual has the spectrum of noise, but comes in bursts (the mean power of"
+            f" {_BURST_S:g} s is {seen.bursts:.2g} times the median): a frame that rings after a"
+            " touch, a channel that stands still, or knocks; the figure of the residual shows when"
+        )
     if seen.follows > _FOLLOWING and _odds(seen.follows) > _FOLLOWING_RATIO * _odds(max(follows)):
         found.append(
             "the base's residual has the spectrum of noise, but follows the motion for some cycles"
@@ -122,6 +131,7 @@ def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> 
         np.array([_level_ratio(rest[order]) for order in orders]),
         _skew(rest, _PULSE_SIGMAS * float(np.sqrt(power))),
         _flatness(rest),
+        _bursts(row - np.mean(row[used]), used, motion.dt),
         _follows(rest, motion.x[used], motion.v[used]),
     )
 
@@ -151,6 +161,19 @@ def _flatness(rest: Vector) -> float:
         row = window - np.mean(window)
         found.append(float(np.mean(row**4)) / max(float(np.mean(row**2)) ** 2, 1e-300))
     return float(np.median(found))
+
+
+def _bursts(row: Vector, used: NDArray[np.bool_], dt: float) -> float:
+    """Return the mean power of short windows over their median; those half in use count."""
+    length = max(_FEWEST_OF_WINDOW, round(_BURST_S / dt))
+    whole = row.size // length * length
+    power = (np.where(used, row, 0.0)[:whole] ** 2).reshape(-1, length).sum(axis=1)
+    counts = used[:whole].reshape(-1, length).sum(axis=1)
+    half = counts >= length / 2
+    if not np.any(half):
+        return 1.0
+    mean_power = power[half] / counts[half]
+    return float(np.mean(mean_power)) / max(float(np.median(mean_power)), 1e-300)
 
 
 def _repeats(rest: Vector, x: Vector, v: Vector) -> float:
