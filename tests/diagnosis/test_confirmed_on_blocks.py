@@ -57,7 +57,7 @@ def test_a_weight_that_raises_the_error_of_a_rigid_block_is_not_named() -> None:
     assert "gravity_torque" not in {effect["name"] for effect in answer["effects"]}
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", cases(0, 1, 2))
 def test_a_tone_that_follows_a_rattle_is_not_named(seed: int) -> None:
     """A resonance that play excites is a narrow band of noise, and no tone predicts its phase."""
     rng = np.random.default_rng(seed)

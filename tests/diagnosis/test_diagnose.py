@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from cases import cases
 from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
@@ -53,12 +54,9 @@ def test_a_complete_model_has_no_missing_effect(
 @pytest.mark.parametrize(
     "effect",
     [
-        "coulomb_friction",
-        "stress_relaxation",
-        "contact_offset",
         "backlash",
-        "periodic_disturbance",
         "force_lag",
+        *cases("coulomb_friction", "stress_relaxation", "contact_offset", "periodic_disturbance"),
     ],
 )
 def test_one_effect_is_named_in_a_rich_motion(effect: str) -> None:

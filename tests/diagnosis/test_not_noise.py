@@ -72,7 +72,7 @@ def test_a_friction_at_one_place_is_no_noise(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", cases(11, 12, 13))
-@pytest.mark.parametrize(("size_N", "width"), [(0.05, 0.5), (0.1, 1.0)])
+@pytest.mark.parametrize(("size_N", "width"), cases((0.05, 0.5), (0.1, 1.0)))
 def test_a_chatter_of_slow_motion_is_no_noise(seed: int, size_N: float, width: float) -> None:
     x, v = _swung()
     noise = np.random.default_rng(100 + seed).standard_normal(_T.size)
@@ -141,7 +141,7 @@ def test_a_frame_that_rings_at_moments_of_its_own_is_no_noise(seed: int) -> None
     for at in rng.uniform(0.0, _T[-1], 14):
         since = np.maximum(_T - at, 0.0)
         tone = np.sin(2.0 * np.pi * 22.0 * since + rng.uniform(0.0, 2.0 * np.pi))
-        ringing += 0.04 * (_T > at) * np.exp(-since / 0.06) * tone
+        ringing += 0.04 * (at < _T) * np.exp(-since / 0.06) * tone
     verdict, notes = _judged(_recorded(_swung(), ringing, seed))
     assert verdict == "unexplained"
     assert "comes in bursts" in notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import Recording, from_arrays
@@ -56,9 +57,7 @@ def test_a_held_spring_that_hardens_is_named_stiffening(law: str, zero_m: float)
     ("law", "name"),
     [
         ("rubber", "nonlinear_stiffening"),
-        ("layers", "second_layer"),
-        ("stop", "second_layer"),
-        ("lump", "second_layer"),
+        *cases(("layers", "second_layer"), ("stop", "second_layer"), ("lump", "second_layer")),
         ("taper", "quadratic_damping"),
     ],
 )
