@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import cases
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import LIBRARY
@@ -38,6 +39,36 @@ def test_a_strip_that_slackens_is_relaxation_and_no_saturated_sensor() -> None:
     assert all(_RELAXES & set(names) for names in answer["class"])
     error = answer["error"]["std_normalised"]
     assert error["after"] < 0.2 * error["before"]
+
+
+def _indented(power: float, left: Vector, dt: float) -> tuple[Vector, Vector]:
+    """Return position and force of a tip in a gel whose elastic force relaxes (Lee, Radok 1960).
+
+    By its convolution integral with `left`, what is left of a unit step as time passes. Each press
+    ends where the force does.
+    """
+    t = dt * np.arange(left.size)
+    x = 1.2e-3 * (0.6 * np.sin(2.0 * np.pi * 0.31 * t) + 0.4 * np.sin(2.0 * np.pi * 0.83 * t + 1.0))
+    depth = np.maximum(x, 0.0)
+    change = np.diff(depth**power, prepend=0.0)
+    force = np.convolve(change, 0.5 + left)[: t.size] / 1e-3**power
+    force += 0.02 * (depth / 1e-3) ** power * np.gradient(x, dt) / 1e-3
+    return x, np.where(x > 0.0, np.maximum(force, 0.0), 0.0)
+
+
+@pytest.mark.parametrize(("power", "law"), [(1.5, "arm"), *cases((2.0, "power"), (1.3, "arm"))])
+def test_a_tip_in_a_gel_relaxes_and_rubs_at_nothing(power: float, law: str) -> None:
+    """Its arms were those of a linear spring, and friction or a drift stood in for the rest."""
+    dt, rng = 4e-3, np.random.default_rng(4)
+    t = dt * np.arange(3000)
+    left = 0.5 * np.exp(-t / 0.25) if law == "arm" else 0.2 * (t + dt) ** -0.3
+    x, force = _indented(power, left, dt)
+    force += 4e-3 * rng.standard_normal(t.size)
+    recording = from_arrays("gel", t, x + 2e-8 * rng.standard_normal(t.size), force)
+    answer = diagnose(recording, "hunt-crossley", surface=0.0).answer
+    assert answer["class"]
+    assert all(set(names) <= _RELAXES for names in answer["class"])
+    assert answer["error"]["after_over_floor"] < 1.15
 
 
 def _pulled(relaxing: float, slip_N: float = 0.0) -> tuple[Vector, Vector, Vector]:

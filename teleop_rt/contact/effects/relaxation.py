@@ -183,6 +183,10 @@ def _time_constant(points: int) -> Shape:
 
 # A tangent that falls with depth, as of stretched rubber; one that rises has a name of its own.
 _POWER = Shape("power", "1", 0.2, 0.95, 0.6, points=3)
+# The elastic force of a rounded tip, itself a power of the depth (Lee, Radok 1960).
+_TIP_POWER = Shape("power", "1", 1.05, 2.5, 1.5, points=3)
+OF_THE_SPRING = "of the spring"
+"""The end of a law whose arms are stretched by the spring of a base with a power."""
 
 
 _SPREAD = Shape("spread", "1", 2.0, 30.0, 5.0, logarithmic=True, points=2)
@@ -254,9 +258,29 @@ EFFECTS = (
     ),
     _relaxing(
         name="stress_relaxation",
+        law=f"one arm {OF_THE_SPRING}",
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(_time_constant(6), _TIP_POWER),
+        step=_maxwell_arm_on_power,
+        sentence="A share of {arm_stiffness} of the power {power} relaxes within {time_constant}.",
+        state_size=3,
+        fades=1,
+    ),
+    _relaxing(
+        name="stress_relaxation",
         law="three arms, quasi-linear",
         amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
         shapes=(_time_constant(5), _DECADES, _GROWTH, _POWER),
+        step=_three_arms_on_power,
+        sentence="A share of {arm_stiffness} of the power {power} relaxes around {time_constant}.",
+        state_size=12,
+        fades=2,
+    ),
+    _relaxing(
+        name="stress_relaxation",
+        law=f"three arms {OF_THE_SPRING}",
+        amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(_time_constant(5), _DECADES, _GROWTH, _TIP_POWER),
         step=_three_arms_on_power,
         sentence="A share of {arm_stiffness} of the power {power} relaxes around {time_constant}.",
         state_size=12,
@@ -287,6 +311,16 @@ EFFECTS = (
         law="quasi-linear",
         amplitude=Amplitude("springpot", "{f} s^order/{x}^power", nonnegative=True),
         shapes=(replace(_ORDER, points=4), _POWER),
+        step=_springpot_on_power,
+        sentence="The force, of the power {power} of depth, relaxes with time, of order {order}.",
+        state_size=46,
+        fades=3,
+    ),
+    _relaxing(
+        name="fractional_relaxation",
+        law=OF_THE_SPRING,
+        amplitude=Amplitude("springpot", "{f} s^order/{x}^power", nonnegative=True),
+        shapes=(replace(_ORDER, points=4), _TIP_POWER),
         step=_springpot_on_power,
         sentence="The force, of the power {power} of depth, relaxes with time, of order {order}.",
         state_size=46,

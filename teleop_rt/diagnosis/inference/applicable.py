@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects.kinematics import BEYOND_THE_MASS
+from teleop_rt.contact.effects.relaxation import OF_THE_SPRING
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
@@ -32,6 +33,8 @@ def applicable(
             return False
         if effect.name in {"gravity_torque", RETURN_SPRING}:
             return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
+        if effect.law.endswith(OF_THE_SPRING) and not base.has_power:
+            return False
         if effect.without_contact:
             held = base.has_spring or not _is_of_a_spring(effect)
             return held and not base.touches
