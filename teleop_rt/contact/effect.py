@@ -61,6 +61,10 @@ WITHOUT_CONTACT = "on both sides"
 """The law of a body that is held all along, as a spring or an oil: for bases that do not touch.
 
 Other laws of such a body begin with these words and a comma."""
+OF_THE_SPRING = "of the spring"
+"""The end of a law whose force is a share of the elastic force of a base with a power.
+
+Beside such a base it takes the place of the law without these words, a share of a linear spring."""
 Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset", "place"]
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from math import exp, tanh
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import OF_THE_SPRING, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effects.stiffening import SPRING_POWER
+from teleop_rt.contact.law import spring_force
 from teleop_rt.kernels.jit import kernel
 
 
@@ -21,6 +23,13 @@ def _smoothed_sign_with_depth(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return float(tanh(v / eta[0]) * max(x, 0.0))
+
+
+@kernel
+def _smoothed_sign_with_spring(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return tanh(v / eta[0]) * spring_force(max(x, 0.0), 1.0, eta[1])
 
 
 @kernel
@@ -155,6 +164,15 @@ EFFECTS = (
         amplitude=Amplitude("friction_per_depth", "{f}/{x}", nonnegative=True),
         step=_smoothed_sign_with_depth,
         sentence="Dry friction of {friction_per_depth} in contact, growing with the depth.",
+        only_in_contact=True,
+    ),
+    replace(
+        _DRY,
+        law=f"smoothed sign, growing with depth {OF_THE_SPRING}",
+        amplitude=Amplitude("friction_per_depth", "{f}/{x}^power", nonnegative=True),
+        shapes=(_SMOOTHING, SPRING_POWER),
+        step=_smoothed_sign_with_spring,
+        sentence="Dry friction of {friction_per_depth} in contact, growing with the force.",
         only_in_contact=True,
     ),
     _BY_DIRECTION,

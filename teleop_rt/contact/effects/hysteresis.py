@@ -6,9 +6,17 @@ from dataclasses import replace
 from functools import partial
 from math import exp, tanh
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import (
+    OF_THE_SPRING,
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    Vector,
+)
 from teleop_rt.contact.effects.friction import presliding
-from teleop_rt.contact.law import touches
+from teleop_rt.contact.effects.stiffening import SPRING_POWER
+from teleop_rt.contact.law import spring_force, touches
 from teleop_rt.kernels.jit import kernel
 
 _SLIDERS = 6  # elements of an Iwan model, with yield travels in geometric steps
@@ -113,6 +121,20 @@ def _slipping_with_depth(
 
 
 @kernel
+def _bouc_wen_with_spring(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return _bouc_wen(state, x, v, a, t, dt, eta) * spring_force(max(x, 0.0), 1.0, eta[2])
+
+
+@kernel
+def _slipping_with_spring(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return _slipping(state, x, v, a, t, dt, eta) * spring_force(max(x, 0.0), 1.0, eta[2])
+
+
+@kernel
 def _below_deepest(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -140,6 +162,30 @@ def _behind_deepest(
     depth = max(x, 0.0)
     state[0] = max(state[0], depth, eta[1])
     return -depth * (1.0 - exp((depth - state[0]) / eta[0]))
+
+
+@kernel
+def _spring_below_deepest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """As `_below_deepest`, by the energy of a spring of the power eta[2]."""
+    depth, rise = max(x, 0.0), eta[2] + 1.0
+    state[0] = max(state[0], depth)
+    most = state[0] ** rise
+    if most <= 0.0:
+        return 0.0
+    loss = tanh((most - depth**rise) / (eta[0] * (most + eta[1] ** rise)))
+    return float(-spring_force(depth, 1.0, eta[2]) * loss)
+
+
+@kernel
+def _spring_behind_deepest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """As `_behind_deepest`, of a spring of the power eta[2]."""
+    depth = max(x, 0.0)
+    state[0] = max(state[0], depth, eta[1])
+    return -spring_force(depth, 1.0, eta[2]) * (1.0 - exp((depth - state[0]) / eta[0]))
 
 
 @kernel
@@ -177,6 +223,14 @@ _YIELD = Shape(
 _SPREAD = Shape("spread", "1", 1.5, 60.0, 10.0, logarithmic=True, points=2)
 _SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2, ideal="upper")
 _UNLOADING = Shape("unloading", "1", -0.5, 1.0, 0.3, points=2)
+_ENERGY = (
+    Shape("width", "1", 0.02, 5.0, 0.5, logarithmic=True, points=4),
+    Shape("depth", "{x}", 0.01, 2.0, 0.3, logarithmic=True, relative_to="travel", points=2),
+)
+_DISTANCE = (
+    Shape("length", "{x}", 0.03, 3.0, 0.3, logarithmic=True, relative_to="travel", points=5),
+    Shape("pressed_before", "{x}", 0.0, 0.9, 0.0, relative_to="travel", points=3),
+)
 _AS_FRICTION = (
     "A hysteretic force of {yield_force}, as of dry friction in contact alone, turns over"
     " within {yield_travel}."
@@ -259,10 +313,7 @@ EFFECTS = (
         name="mullins_softening",
         law="by energy",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
-        shapes=(
-            Shape("width", "1", 0.02, 5.0, 0.5, logarithmic=True, points=4),
-            Shape("depth", "{x}", 0.01, 2.0, 0.3, logarithmic=True, relative_to="travel", points=2),
-        ),
+        shapes=_ENERGY,
         step=_below_deepest,
         sentence="Below the deepest past penetration {stiffness_lost} are lost.",
         state_size=1,
@@ -271,13 +322,45 @@ EFFECTS = (
         name="mullins_softening",
         law="by distance",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
-        shapes=(
-            Shape(
-                "length", "{x}", 0.03, 3.0, 0.3, logarithmic=True, relative_to="travel", points=5
-            ),
-            Shape("pressed_before", "{x}", 0.0, 0.9, 0.0, relative_to="travel", points=3),
-        ),
+        shapes=_DISTANCE,
         step=_behind_deepest,
+        sentence="Up to {length} below the deepest past penetration {stiffness_lost} are lost.",
+        state_size=1,
+    ),
+    _memory(
+        name="hysteresis",
+        law=f"growing with depth {OF_THE_SPRING}",
+        amplitude=Amplitude("yield_stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(_YIELD, _SHARPNESS, SPRING_POWER),
+        step=_bouc_wen_with_spring,
+        sentence="A hysteretic force of {yield_stiffness} turns over within {yield_travel}.",
+        state_size=1,
+        derivative_order=1,
+    ),
+    _memory(
+        name="hysteresis",
+        law=f"sliders, growing with depth {OF_THE_SPRING}",
+        amplitude=Amplitude("yield_stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(_YIELD, _SPREAD, SPRING_POWER),
+        step=_slipping_with_spring,
+        sentence="A hysteretic force of {yield_stiffness} turns over within {yield_travel}.",
+        state_size=_SLIDERS + 1,
+    ),
+    _memory(
+        name="mullins_softening",
+        law=f"by energy {OF_THE_SPRING}",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}^power", nonnegative=True),
+        shapes=(*_ENERGY, SPRING_POWER),
+        step=_spring_below_deepest,
+        sentence="Below the deepest past penetration {stiffness_lost} are lost.",
+        state_size=1,
+    ),
+    _memory(
+        name="mullins_softening",
+        law=f"by distance {OF_THE_SPRING}",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}^power", nonnegative=True),
+        shapes=(*_DISTANCE, SPRING_POWER),
+        step=_spring_behind_deepest,
         sentence="Up to {length} below the deepest past penetration {stiffness_lost} are lost.",
         state_size=1,
     ),

@@ -1,7 +1,8 @@
 """Materials that relax: Maxwell arms, one or three, and a springpot.
 
 Each also as a quasi-linear material (Fung 1981, ch. 7): its arms are stretched by the elastic
-force, a power of the depth, rather than by the depth.
+force, a power of the depth, rather than by the depth. Those of the spring follow the elastic force
+of a rounded tip (Lee and Radok 1960).
 """
 
 from __future__ import annotations
@@ -10,7 +11,15 @@ from dataclasses import replace
 from functools import partial
 from math import exp
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import (
+    OF_THE_SPRING,
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    Vector,
+)
+from teleop_rt.contact.effects.stiffening import SPRING_POWER
 from teleop_rt.kernels.jit import kernel
 
 
@@ -183,11 +192,6 @@ def _time_constant(points: int) -> Shape:
 
 # A tangent that falls with depth, as of stretched rubber; one that rises has a name of its own.
 _POWER = Shape("power", "1", 0.2, 0.95, 0.6, points=3)
-# The elastic force of a rounded tip, itself a power of the depth (Lee, Radok 1960).
-_TIP_POWER = Shape("power", "1", 1.05, 2.5, 1.5, points=3)
-OF_THE_SPRING = "of the spring"
-"""The end of a law whose arms are stretched by the spring of a base with a power."""
-
 
 _SPREAD = Shape("spread", "1", 2.0, 30.0, 5.0, logarithmic=True, points=2)
 _DECADES = replace(_SPREAD, upper=100.0, start=10.0, points=1)
@@ -260,7 +264,7 @@ EFFECTS = (
         name="stress_relaxation",
         law=f"one arm {OF_THE_SPRING}",
         amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
-        shapes=(_time_constant(6), _TIP_POWER),
+        shapes=(_time_constant(6), SPRING_POWER),
         step=_maxwell_arm_on_power,
         sentence="A share of {arm_stiffness} of the power {power} relaxes within {time_constant}.",
         state_size=3,
@@ -280,7 +284,7 @@ EFFECTS = (
         name="stress_relaxation",
         law=f"three arms {OF_THE_SPRING}",
         amplitude=Amplitude("arm_stiffness", "{f}/{x}^power", nonnegative=True),
-        shapes=(_time_constant(5), _DECADES, _GROWTH, _TIP_POWER),
+        shapes=(_time_constant(5), _DECADES, _GROWTH, SPRING_POWER),
         step=_three_arms_on_power,
         sentence="A share of {arm_stiffness} of the power {power} relaxes around {time_constant}.",
         state_size=12,
@@ -320,7 +324,7 @@ EFFECTS = (
         name="fractional_relaxation",
         law=OF_THE_SPRING,
         amplitude=Amplitude("springpot", "{f} s^order/{x}^power", nonnegative=True),
-        shapes=(replace(_ORDER, points=4), _TIP_POWER),
+        shapes=(replace(_ORDER, points=4), SPRING_POWER),
         step=_springpot_on_power,
         sentence="The force, of the power {power} of depth, relaxes with time, of order {order}.",
         state_size=46,

@@ -5,9 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from math import exp
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
-from teleop_rt.contact.effects.stiffening import CENTRE
-from teleop_rt.contact.law import touches
+from teleop_rt.contact.effect import (
+    OF_THE_SPRING,
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    Vector,
+)
+from teleop_rt.contact.effects.stiffening import CENTRE, SPRING_POWER
+from teleop_rt.contact.law import spring_force, touches
 from teleop_rt.kernels.jit import kernel
 
 
@@ -49,8 +56,60 @@ def _weakened_by_load(
     return float(-max(x + eta[1] * v, 0.0) * eta[0] * (1.0 - exp(-state[0] / eta[0])))
 
 
+@kernel
+def _weakened_spring(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -spring_force(max(x, 0.0), 1.0, eta[1]) * (1.0 - exp(-t / eta[0]))
+
+
+@kernel
+def _spring_and_damper(x: float, v: float, damping_speed: float, power: float) -> float:
+    """Return the force of a body of unit stiffness that doubles at the speed; it never pulls."""
+    return max(spring_force(max(x, 0.0), 1.0, power) * (1.0 + v / damping_speed), 0.0)
+
+
+@kernel
+def _weakened_spring_alike(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -_spring_and_damper(x, v, eta[1], eta[2]) * (1.0 - exp(-t / eta[0]))
+
+
+@kernel
+def _weakened_spring_by_load(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    state[0] += max(x, 0.0) * dt
+    lost = eta[0] * (1.0 - exp(-state[0] / eta[0]))
+    return float(-_spring_and_damper(x, v, eta[1], eta[2]) * lost)
+
+
 # Damping over stiffness, which heat and damage lower alike.
 _DAMPING_TIME = Shape("damping_time", "s", 1e-3, 0.2, 1e-2, logarithmic=True, points=4)
+# The speed at which the damping of a body with a power is as large as its spring.
+_DAMPING_SPEED = Shape(
+    "damping_speed",
+    "{x}/s",
+    0.2,
+    100.0,
+    5.0,
+    logarithmic=True,
+    relative_to="speed",
+    points=2,
+    ideal="upper",
+)
+_LOAD_TIME = Shape(
+    "load_time",
+    "{x} s",
+    0.3,
+    100.0,
+    5.0,
+    logarithmic=True,
+    relative_to="travel",
+    points=8,
+    ideal="upper",
+)
 _LOSS_TIME = Shape(
     "time_constant",
     "s",
@@ -122,25 +181,57 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("loss_rate", "{f}/({x}^2 s)"),
-        shapes=(
-            Shape(
-                "load_time",
-                "{x} s",
-                0.3,
-                100.0,
-                5.0,
-                logarithmic=True,
-                relative_to="travel",
-                points=8,
-                ideal="upper",
-            ),
-            _DAMPING_TIME,
-        ),
+        shapes=(_LOAD_TIME, _DAMPING_TIME),
         step=_weakened_by_load,
         state_size=1,
         sentence=(
             "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and"
             " {damping_time} times that off the damping."
+        ),
+        compensation="render",
+        derivative_order=1,
+    ),
+    Effect(
+        name="softening",
+        law=OF_THE_SPRING,
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}^power"),
+        shapes=(_LOSS_TIME, SPRING_POWER),
+        step=_weakened_spring,
+        sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
+        compensation="render",
+    ),
+    Effect(
+        name="softening",
+        law=f"of stiffness and damping {OF_THE_SPRING}",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}^power"),
+        shapes=(_LOSS_TIME, _DAMPING_SPEED, SPRING_POWER),
+        step=_weakened_spring_alike,
+        sentence=(
+            "Within {time_constant} the stiffness falls by {stiffness_lost}, and the damping, which"
+            " equals the spring at {damping_speed}, with it."
+        ),
+        compensation="render",
+        derivative_order=1,
+    ),
+    Effect(
+        name="softening",
+        law=f"of stiffness and damping by load {OF_THE_SPRING}",
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("loss_rate", "{f}/({x}^(power+1) s)"),
+        shapes=(_LOAD_TIME, _DAMPING_SPEED, SPRING_POWER),
+        step=_weakened_spring_by_load,
+        state_size=1,
+        sentence=(
+            "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and off the"
+            " damping, which equals the spring at {damping_speed}."
         ),
         compensation="render",
         derivative_order=1,

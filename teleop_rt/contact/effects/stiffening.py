@@ -45,6 +45,8 @@ def _odd_power(
 
 # From beyond the stroke a power is one of a spring that only stiffens inwards. Of an odd number of
 # places one is the middle, about which a held body is most often alike on both sides.
+# The elastic force of a rounded tip (Hertz 1882), or of a body that is a cone or a rod.
+SPRING_POWER = Shape("power", "1", 0.9, 2.6, 1.5, points=3)
 CENTRE = Shape("centre", "{x}", -2.0, 2.0, 0.0, relative_to="place", points=9)
 EFFECTS = (
     Effect(

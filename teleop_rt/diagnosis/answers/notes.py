@@ -222,11 +222,12 @@ def of_lost_contact(problem: Problem, fit: Fit, start: float) -> list[str]:
     if not lost:
         return []
     seconds = motion.dt * sum(past - first for first, past in lost)
-    return [
+    note = (
         f"{seconds:.2g} s beyond the surface show the force of free air, and were left out"
         f" (in {len(lost)} of the touches, first at {start + lost[0][0] * motion.dt:.2f} s): the"
         " tool lost the body there, or the force channel stood still; check its connection"
-    ]
+    )
+    return [note]
 
 
 def of_time(shares: Mapping[str, float] | None) -> list[str]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effect import OF_THE_SPRING, Effect
 from teleop_rt.contact.effects.kinematics import BEYOND_THE_MASS
-from teleop_rt.contact.effects.relaxation import OF_THE_SPRING
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
@@ -27,13 +26,14 @@ def applicable(
     Outliers are tested separately. A body that is `pressed` all along shows no free air.
     """
     rotary = recording.units[0] == "rad"
+    shares = _shares_of_a_spring(effects)
 
     def possible(effect: Effect) -> bool:
         if effect.name == OUTLIERS or _is_in_base(effect, base, pressed):
             return False
         if effect.name in {"gravity_torque", RETURN_SPRING}:
             return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
-        if effect.law.endswith(OF_THE_SPRING) and not base.has_power:
+        if effect in (shares.values() if base.has_power else shares):
             return False
         if effect.without_contact:
             held = base.has_spring or not _is_of_a_spring(effect)
@@ -42,6 +42,16 @@ def applicable(
         return base.touches or not (material or effect.acts == "deflects")
 
     return tuple(effect for effect in effects if possible(effect))
+
+
+def _shares_of_a_spring(effects: tuple[Effect, ...]) -> dict[Effect, Effect]:
+    """Return the laws of a share of a spring with a power, each with that of a linear spring."""
+    by_law = {(effect.name, effect.law): effect for effect in effects}
+    return {
+        effect: by_law[name, law.removesuffix(OF_THE_SPRING).rstrip()]
+        for (name, law), effect in by_law.items()
+        if law.endswith(OF_THE_SPRING)
+    }
 
 
 def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Shape
+from teleop_rt.contact.effects.stiffening import SPRING_POWER
 from teleop_rt.diagnosis.criteria import SAME_SHARE, SIGMAS
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
@@ -12,6 +13,7 @@ from teleop_rt.diagnosis.models.model import bounds, in_units
 from teleop_rt.diagnosis.noise.structure import at_bounds
 from teleop_rt.recordings.rows import force_noise
 
+_SPRINGS_OWN = 0.5  # of a law's gain, that it keeps with the power of the base's spring
 BEYOND = 1.05  # times the saturation level; one reading in a hundred may exceed it
 
 
@@ -25,18 +27,28 @@ def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> frozenset[str
 
     They do if a shape at its neutral value costs less than `SAME_SHARE` of the gain: a damping by
     direction with equal directions, or an attraction never observed beyond the surface. A force
-    measured beyond a saturation level is not saturated.
+    measured beyond a saturation level is not saturated. A share of the base's spring has its power:
+    with another, it is a spring of its own.
     """
     found = _read_beyond_level(problem, fit)
     for place, coordinate in enumerate(fit.model.coordinates):
         shape = coordinate.shape
         if isinstance(shape, Shape) and shape.neutral is not None:
-            zeta = fit.zeta.copy()
-            zeta[place] = in_units(shape.neutral, shape, problem.motion.scales)
-            lost = problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
-            if lost < SAME_SHARE * (base.chi2 - fit.chi2):
+            neutral = in_units(shape.neutral, shape, problem.motion.scales)
+            if _lost(problem, fit, place, neutral) < SAME_SHARE * (base.chi2 - fit.chi2):
+                found |= {fit.names[coordinate.owner]}
+        if shape is SPRING_POWER:
+            lost = _lost(problem, fit, place, float(fit.zeta[0]))
+            if lost > (1.0 - _SPRINGS_OWN) * (base.chi2 - fit.chi2):
                 found |= {fit.names[coordinate.owner]}
     return found
+
+
+def _lost(problem: Problem, fit: Fit, place: int, value: float) -> float:
+    """Return the rise of chi-square where a nonlinear parameter has another value."""
+    zeta = fit.zeta.copy()
+    zeta[place] = value
+    return problem.solve(fit.model, zeta, fit.theta).chi2 - fit.chi2
 
 
 def at_wrong_bound(problem: Problem, fit: Fit) -> frozenset[str]:
