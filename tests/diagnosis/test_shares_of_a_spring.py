@@ -1,0 +1,69 @@
+"""A body under a rounded tip: what softens, is damaged or rubs is a share of its elastic force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cases import cases
+
+from teleop_rt.contact.effect import OF_THE_SPRING, Vector
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.applicable import applicable
+from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.recordings.recording import Recording, from_arrays
+
+DT_S, NOISE_N, DEPTH_M = 4e-3, 0.02, 1e-3
+
+
+def _pressed(power: float, lost: str) -> Recording:
+    """Return 12 s of presses of 5 N into a body f = d^p (1 + v / 40 mm/s), a share of it `lost`."""
+    t = DT_S * np.arange(3000)
+    x = 1.2e-3 * (0.6 * np.sin(2.0 * np.pi * 0.31 * t) + 0.4 * np.sin(2.0 * np.pi * 0.83 * t + 1.0))
+    depth, speed = np.maximum(x, 0.0), np.gradient(x, DT_S)
+    spring = 5.0 * (depth / DEPTH_M) ** power
+    deepest = np.maximum.accumulate(depth)
+    share: dict[str, Vector] = {
+        "with time": 0.2 * (1.0 - np.exp(-t / 4.0)),
+        "below the deepest": 0.2 * np.tanh(3.0 * (1.0 - (depth / np.maximum(deepest, 1e-9)) ** 2)),
+        "by friction": -0.06 * np.tanh(speed / 1e-4),
+        "nothing": np.zeros(t.size),
+    }
+    force = spring * (1.0 - share[lost]) + 0.04 * spring * speed / DEPTH_M
+    force = np.where(x > 0.0, np.maximum(force, 0.0), 0.0)
+    rng = np.random.default_rng(11)
+    force += NOISE_N * rng.standard_normal(t.size)
+    return from_arrays("tip", t, x + 2e-8 * rng.standard_normal(t.size), force)
+
+
+@pytest.mark.parametrize("power", cases(1.5, 2.0))
+@pytest.mark.parametrize(
+    ("lost", "name"),
+    [
+        ("with time", "softening"),
+        ("below the deepest", "mullins_softening"),
+        ("by friction", "coulomb_friction"),
+    ],
+)
+def test_a_share_of_the_elastic_force_of_a_tip_is_named_and_predicted(
+    lost: str, name: str, power: float
+) -> None:
+    """As shares of a linear spring they got other names beside them, or were partly named."""
+    answer = diagnose(_pressed(power, lost), "hunt-crossley", surface=0.0).answer
+    assert answer["class"] == [[name]]
+    assert answer["effects"][0]["law"].endswith(OF_THE_SPRING)
+    error = answer["error"]["std_normalised"]
+    assert error["after"] < 0.3 * error["before"]
+
+
+def test_a_tip_alone_misses_nothing() -> None:
+    found = diagnose(_pressed(1.5, "nothing"), "hunt-crossley", surface=0.0).answer
+    assert found["verdict"] == "no_missing_effect"
+
+
+@pytest.mark.parametrize(("base", "with_power"), [("hunt-crossley", True), ("kelvin-voigt", False)])
+def test_shares_follow_the_spring_that_the_base_has(base: str, with_power: bool) -> None:
+    possible = applicable(LIBRARY, _pressed(1.5, "nothing"), base_of(base))
+    laws = {(effect.name, effect.law) for effect in possible}
+    assert (("softening", OF_THE_SPRING) in laws) is with_power
+    assert (("softening", "") in laws) is not with_power
