@@ -27,6 +27,8 @@ def _pressed(power: float, lost: str) -> Recording:
         "with time": 0.2 * (1.0 - np.exp(-t / 4.0)),
         "below the deepest": 0.2 * np.tanh(3.0 * (1.0 - (depth / np.maximum(deepest, 1e-9)) ** 2)),
         "by friction": -0.06 * np.tanh(speed / 1e-4),
+        "by forward speed": -0.06 * np.maximum(speed, 0.0) / DEPTH_M,
+        "by the square of the speed": -0.03 * speed * np.abs(speed) / DEPTH_M**2,
         "nothing": np.zeros(t.size),
     }
     force = spring * (1.0 - share[lost]) + 0.04 * spring * speed / DEPTH_M
@@ -43,6 +45,8 @@ def _pressed(power: float, lost: str) -> Recording:
         ("with time", "softening"),
         ("below the deepest", "mullins_softening"),
         ("by friction", "coulomb_friction"),
+        ("by forward speed", "direction_dependent_damping"),
+        ("by the square of the speed", "quadratic_damping"),
     ],
 )
 def test_a_share_of_the_elastic_force_of_a_tip_is_named_and_predicted(
@@ -54,6 +58,18 @@ def test_a_share_of_the_elastic_force_of_a_tip_is_named_and_predicted(
     assert answer["effects"][0]["law"].endswith(OF_THE_SPRING)
     error = answer["error"]["std_normalised"]
     assert error["after"] < 0.3 * error["before"]
+
+
+def test_a_layer_under_a_tip_is_named_with_the_power_that_it_has() -> None:
+    """It was a power beside a ripple of a screw."""
+    recording = _pressed(2.0, "nothing")
+    layer = 3.0 * (np.maximum(recording.position - 0.5 * DEPTH_M, 0.0) / DEPTH_M) ** 2.0
+    recording = from_arrays(
+        "layer", DT_S * np.arange(layer.size), recording.position, recording.force + layer
+    )
+    answer = diagnose(recording, "hunt-crossley", surface=0.0).answer
+    assert answer["class"] == [["second_layer"]]
+    assert answer["error"]["after_over_floor"] < 1.1
 
 
 def test_a_tip_alone_misses_nothing() -> None:

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import (
+    OF_THE_SPRING,
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    Vector,
+)
+from teleop_rt.contact.effects.stiffening import SPRING_POWER
+from teleop_rt.contact.law import spring_force
 from teleop_rt.kernels.jit import kernel
 
 
@@ -20,6 +29,13 @@ def _quadratic_with_depth(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return max(x, 0.0) * v * abs(v)
+
+
+@kernel
+def _quadratic_with_spring(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return spring_force(max(x, 0.0), 1.0, eta[0]) * v * abs(v)
 
 
 @kernel
@@ -94,6 +110,14 @@ EFFECTS = (
         amplitude=_PER_LENGTH,
         step=_quadratic_with_depth,
         sentence="Damping grows with depth and the square of the speed: {quadratic_damping}.",
+    ),
+    replace(
+        _QUADRATIC,
+        law=f"growing with depth {OF_THE_SPRING}",
+        amplitude=Amplitude("quadratic_damping", "{f} s^2/{x}^(power+2)", nonnegative=True),
+        shapes=(SPRING_POWER,),
+        step=_quadratic_with_spring,
+        sentence="Damping grows with the force and the square of the speed: {quadratic_damping}.",
     ),
     _HELD_QUADRATIC,
     replace(

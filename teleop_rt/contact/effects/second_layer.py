@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
-from teleop_rt.contact.effects.stiffening import CENTRE
+from teleop_rt.contact.effect import (
+    OF_THE_SPRING,
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    Vector,
+)
+from teleop_rt.contact.effects.stiffening import CENTRE, SPRING_POWER
 from teleop_rt.kernels.jit import kernel
 
 
@@ -37,6 +44,13 @@ def _rounded_beyond(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return float(max(x - eta[0], 0.0) ** 1.5)
+
+
+@kernel
+def _beyond_by_power(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(max(x - eta[0], 0.0) ** eta[1])
 
 
 _LAYER_DEPTH = Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20)
@@ -80,6 +94,19 @@ EFFECTS = (
         sentence="Below {depth} a rounded second layer adds {layer_stiffness}.",
         compensation="render",
         extends="",
+    ),
+    Effect(
+        name="second_layer",
+        law=f"rounded {OF_THE_SPRING}",
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}^power", nonnegative=True),
+        # A lump in a cone's body need not have the power of that body.
+        shapes=(_LAYER_DEPTH, replace(SPRING_POWER, points=2)),
+        step=_beyond_by_power,
+        sentence="Below {depth} a rounded second layer adds {layer_stiffness}.",
+        compensation="render",
     ),
     _HELD_LAYER,
     replace(

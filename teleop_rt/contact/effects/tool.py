@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from math import pi, sin
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import OF_THE_SPRING, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effects.stiffening import SPRING_POWER
+from teleop_rt.contact.law import spring_force
 from teleop_rt.kernels.jit import kernel
 
 
@@ -23,6 +25,13 @@ def _forward_speed(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return max(v, 0.0)
+
+
+@kernel
+def _forward_speed_with_spring(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return spring_force(max(x, 0.0), 1.0, eta[0]) * max(v, 0.0)
 
 
 @kernel
@@ -99,6 +108,19 @@ EFFECTS = (
         stage="tool",
         amplitude=Amplitude("extra_forward_damping", "{f} s/{x}"),
         step=_forward_speed,
+        sentence="Damping is {extra_forward_damping} larger when moving forward.",
+        compensation="subtract_force",
+        derivative_order=1,
+    ),
+    Effect(
+        name="direction_dependent_damping",
+        law=f"in contact {OF_THE_SPRING}",
+        family="friction",
+        belongs_to="rig",
+        stage="tool",
+        amplitude=Amplitude("extra_forward_damping", "{f} s/{x}^(power+1)"),
+        shapes=(SPRING_POWER,),
+        step=_forward_speed_with_spring,
         sentence="Damping is {extra_forward_damping} larger when moving forward.",
         compensation="subtract_force",
         derivative_order=1,
