@@ -27,8 +27,8 @@ def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> frozenset[str
 
     They do if a shape at its neutral value costs less than `SAME_SHARE` of the gain: a damping by
     direction with equal directions, or an attraction never observed beyond the surface. A force
-    measured beyond a saturation level is not saturated. A share of the base's spring has its power:
-    with another, it is a spring of its own.
+    measured beyond a saturation level is not saturated. A share of the base's spring, or of a
+    linear one, rises no more steeply than that: otherwise it is a spring of its own.
     """
     found = _read_beyond_level(problem, fit)
     for place, coordinate in enumerate(fit.model.coordinates):
@@ -37,7 +37,7 @@ def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> frozenset[str
             neutral = in_units(shape.neutral, shape, problem.motion.scales)
             if _lost(problem, fit, place, neutral) < SAME_SHARE * (base.chi2 - fit.chi2):
                 found |= {fit.names[coordinate.owner]}
-        if shape is SPRING_POWER:
+        if shape is SPRING_POWER and fit.zeta[place] > fit.zeta[0]:
             lost = _lost(problem, fit, place, float(fit.zeta[0]))
             if lost > (1.0 - _SPRINGS_OWN) * (base.chi2 - fit.chi2):
                 found |= {fit.names[coordinate.owner]}
