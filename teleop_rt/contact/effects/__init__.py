@@ -5,6 +5,7 @@ from __future__ import annotations
 from teleop_rt.contact.effect import Effect
 from teleop_rt.contact.effects import (
     adhesion,
+    damage,
     damping,
     friction,
     hysteresis,
@@ -26,6 +27,7 @@ LIBRARY: tuple[Effect, ...] = (
     *damping.EFFECTS,
     *relaxation.EFFECTS,
     *hysteresis.EFFECTS,
+    *damage.EFFECTS,
     *adhesion.EFFECTS,
     *friction.EFFECTS,
     *tool.EFFECTS,
