@@ -44,8 +44,8 @@ def test_a_strip_that_slackens_is_relaxation_and_no_saturated_sensor() -> None:
 def _indented(power: float, left: Vector, dt: float) -> tuple[Vector, Vector]:
     """Return position and force of a tip in a gel whose elastic force relaxes (Lee, Radok 1960).
 
-    By its convolution integral with `left`, what is left of a unit step as time passes. Each press
-    ends where the force does.
+    By its convolution integral with `left`, the part of a unit step that is left as time passes.
+    Each press ends where the force does.
     """
     t = dt * np.arange(left.size)
     x = 1.2e-3 * (0.6 * np.sin(2.0 * np.pi * 0.31 * t) + 0.4 * np.sin(2.0 * np.pi * 0.83 * t + 1.0))

@@ -1,4 +1,4 @@
-"""A body under a rounded tip: what softens, is damaged or rubs is a share of its elastic force."""
+"""A body under a rounded tip: the lost, damped or rubbing part is a share of its elastic force."""
 
 from __future__ import annotations
 
