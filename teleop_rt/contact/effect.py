@@ -64,7 +64,8 @@ Other laws of such a body begin with these words and a comma."""
 OF_THE_SPRING = "of the spring"
 """The end of a law whose force is a share of the elastic force of a base with a power.
 
-Beside such a base it takes the place of the law without these words, a share of a linear spring."""
+It is possible beside such a base alone, and takes the place there of the law without these words.
+"""
 Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset", "place"]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import cases
@@ -83,3 +85,16 @@ def test_shares_follow_the_spring_that_the_base_has(base: str, with_power: bool)
     laws = {(effect.name, effect.law) for effect in possible}
     assert (("softening", OF_THE_SPRING) in laws) is with_power
     assert (("softening", "") in laws) is not with_power
+
+
+def test_a_law_that_no_other_of_its_name_is_like_needs_a_base_with_a_power_too() -> None:
+    ours = next(effect for effect in LIBRARY if effect.law == OF_THE_SPRING)
+    theirs, recording = (replace(ours, name="rust"),), _pressed(1.5, "nothing")
+    assert applicable(theirs, recording, base_of("hunt-crossley")) == theirs
+    assert applicable(theirs, recording, base_of("kelvin-voigt")) == ()
+
+
+@pytest.mark.parametrize("base", ["hunt-crossley", "kelvin-voigt"])
+def test_a_damping_by_direction_that_the_depth_does_not_change_stays_possible(base: str) -> None:
+    possible = applicable(LIBRARY, _pressed(1.5, "nothing"), base_of(base))
+    assert ("direction_dependent_damping", "in contact") in {(e.name, e.law) for e in possible}

@@ -26,14 +26,14 @@ def applicable(
     Outliers are tested separately. A body that is `pressed` all along shows no free air.
     """
     rotary = recording.units[0] == "rad"
-    shares = _shares_of_a_spring(effects)
+    laws = {(effect.name, effect.law) for effect in effects}
 
     def possible(effect: Effect) -> bool:
         if effect.name == OUTLIERS or _is_in_base(effect, base, pressed):
             return False
         if effect.name in {"gravity_torque", RETURN_SPRING}:
             return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
-        if effect in (shares.values() if base.has_power else shares):
+        if _is_of_another_spring(effect, base, laws):
             return False
         if effect.without_contact:
             held = base.has_spring or not _is_of_a_spring(effect)
@@ -44,14 +44,15 @@ def applicable(
     return tuple(effect for effect in effects if possible(effect))
 
 
-def _shares_of_a_spring(effects: tuple[Effect, ...]) -> dict[Effect, Effect]:
-    """Return the laws of a share of a spring with a power, each with that of a linear spring."""
-    by_law = {(effect.name, effect.law): effect for effect in effects}
-    return {
-        effect: by_law[name, law.removesuffix(OF_THE_SPRING).rstrip()]
-        for (name, law), effect in by_law.items()
-        if law.endswith(OF_THE_SPRING)
-    }
+def _is_of_another_spring(effect: Effect, base: Base, laws: set[tuple[str, str]]) -> bool:
+    """Return whether the effect follows a spring that the base does not have.
+
+    `laws` are the names and laws of all effects. The elastic force of a base with a power is that
+    power of the depth, of any other base the depth itself.
+    """
+    if effect.law.endswith(OF_THE_SPRING):
+        return not base.has_power
+    return base.has_power and (effect.name, f"{effect.law} {OF_THE_SPRING}".lstrip()) in laws
 
 
 def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
