@@ -74,6 +74,21 @@ def test_a_layer_under_a_tip_is_named_with_the_power_that_it_has() -> None:
     assert answer["error"]["after_over_floor"] < 1.1
 
 
+def test_a_compliance_is_no_loss_of_a_steeper_spring_than_the_bodys() -> None:
+    """The force that a compliance takes rises more steeply than the body's, at all times."""
+    recording = _pressed(1.5, "nothing")
+    depth = np.maximum(recording.position, 0.0)
+    force, rigid = np.zeros(depth.size), 5.0 * (depth / DEPTH_M) ** 1.5
+    for _ in range(300):  # to the balance of both; 0.15 mm give at 5 N
+        pressed = np.maximum(depth - 0.03 * DEPTH_M * force, 0.0)
+        force = 0.5 * force + 2.5 * (pressed / DEPTH_M) ** 1.5
+    t = DT_S * np.arange(depth.size)
+    recording = from_arrays("soft rig", t, recording.position, recording.force + force - rigid)
+    softening = tuple(effect for effect in LIBRARY if effect.name == "softening")
+    answer = diagnose(recording, "hunt-crossley", surface=0.0, effects=softening).answer
+    assert (answer["verdict"], answer["class"]) == ("unexplained", [])
+
+
 def test_a_tip_alone_misses_nothing() -> None:
     found = diagnose(_pressed(1.5, "nothing"), "hunt-crossley", surface=0.0).answer
     assert found["verdict"] == "no_missing_effect"
