@@ -106,6 +106,7 @@ class Tick:
     holds: int
     held_by: int
     led: int
+    led_stamp_ns: int
     calm: int
     # The zeros.
     joined: int

@@ -81,6 +81,24 @@ def is_led(tick: Tick) -> bool:
 
 
 @kernel
+def note_who_leads(tick: Tick) -> None:
+    """Set whether the master leads, and when it last did; before a start nobody waits for it."""
+    tick.led = is_led(tick)
+    if tick.led > 0 or tick.state not in (_RUN, _HOLD):
+        tick.led_stamp_ns = tick.now_ns
+
+
+@kernel
+def is_abandoned(tick: Tick) -> bool:
+    """Return whether the tool is to draw back: for too long the master is silent, or leads no more.
+
+    A master that has declutched, or whose device stands in a fault, still sends.
+    """
+    alone_ns = max(tick.silence_ns, tick.now_ns - tick.led_stamp_ns)
+    return alone_ns * 1e-6 > tick.retreat_after_ms
+
+
+@kernel
 def supervise(tick: Tick) -> None:
     """Stop where command, encoder, force sensor and drive do not agree under power."""
     if tick.supervised == 0 or not is_powered(tick.state):
@@ -131,7 +149,7 @@ def aim(tick: Tick) -> None:
     tick.pace = math.inf
     if tick.state == _RUN:
         tick.target = followed(tick)
-    elif tick.state == _HOLD and tick.silence_ns * 1e-6 > tick.retreat_after_ms:
+    elif tick.state == _HOLD and is_abandoned(tick):
         tick.target = retreated(tick, tick.command, tick.surface)
     else:
         tick.target = tick.command
@@ -212,7 +230,7 @@ def decide(
         look_at_contact(tick, estimators[0])
         tick.silence_ns = intake.silence_of(end, tick.now_ns)
         read_motion(tick, motion[0])
-        tick.led = is_led(tick)
+        note_who_leads(tick)
         if tick.late_ns >= tick.runs_out_ns:
             tick.command_velocity = 0.0
         check_safety(tick, late, on_hardware)

@@ -68,6 +68,22 @@ def test_the_slave_moves_and_the_hand_feels_by_the_stated_scales() -> None:
     assert felt == pytest.approx(0.5 * pressed, rel=0.02)
 
 
+def test_a_slave_that_hears_a_master_which_leads_no_more_retreats() -> None:
+    """The outage is shorter than the silence before a retreat, but the master declutches."""
+    trial = changed(
+        link={"blackouts_s": ((4.0, 4.45),)},
+        master={"freeze_after_ms": 100.0, "declutch_after_ms": 300.0},
+        slave={"retreat_after_ms": 1000.0},
+    )
+    stays = Scripted((0, 0), (1.5, 0.02), (9, 0.02))
+    rows, slave, states = run(trial, stays, 6500)
+    assert slave[3900, 2] > 5.0, "in contact when the link was lost"
+    assert LinkState.DECLUTCHED in rows[4000:4600, COLUMN["state"]]
+    assert set(states[4800:5000]) == {State.HOLD}
+    assert slave[4900, 2] > 5.0, "held at first"
+    assert slave[6400, 0] == pytest.approx(SURFACE_M, abs=2e-4), "retreated to the surface"
+
+
 def test_after_a_blackout_the_slave_retreats_and_follows_again_only_out_of_contact() -> None:
     trial = changed(link={"blackouts_s": ((4.0, 8.0),)})
     comes_back = Scripted(
