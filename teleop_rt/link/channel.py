@@ -126,10 +126,26 @@ class Endpoint(EndpointState):
         """
         self.fresh_motion = self.fresh_state = False
         now_ns, sessions = self._now_ns(), self.sessions
-        udp, door, session = self._udp, self._door, sessions.current
-        if udp is None or door is None or session is None or not udp.is_empty:
+        if not self._take_waiting(now_ns):
             self._poll_transport(now_ns)
-        elif length := self._receive_expected(udp.name, session.signed_id, self._kinds):
+        if now_ns >= sessions.ages_ns:
+            sessions.age(now_ns)
+        if self._caller is not None:
+            self._call(self._caller, now_ns)
+
+    def take_ahead(self) -> None:
+        """Take in the one packet that nearly always waits, ahead of the next poll.
+
+        Whatever else has come is that poll's. The `fresh_...` flags do not show this packet then.
+        """
+        self._take_waiting(self._now_ns())
+
+    def _take_waiting(self, now_ns: int) -> bool:
+        """Take in the only packet that waits, if it is expected; false where more is to be done."""
+        udp, door, session = self._udp, self._door, self.sessions.current
+        if udp is None or door is None or session is None or not udp.is_empty:
+            return False
+        if length := self._receive_expected(udp.name, session.signed_id, self._kinds):
             sealed = door.newest if length == door.length else door.sealed(length)  # nearly always
             try:
                 body = session.incoming.aead.decrypt(door.nonce, sealed, door.clear)
@@ -139,11 +155,8 @@ class Endpoint(EndpointState):
                 self._take_expected(session, body, now_ns)
         elif (count := door.received) > 0:
             udp.take_up(count)
-            self._poll_transport(now_ns)
-        if now_ns >= sessions.ages_ns:
-            sessions.age(now_ns)
-        if self._caller is not None:
-            self._call(self._caller, now_ns)
+            return False
+        return True
 
     def _poll_transport(self, now_ns: int) -> None:
         """Take in arrived packets, one by one."""

@@ -13,6 +13,7 @@ from teleop_rt.axis import Axis
 from teleop_rt.config.realtime import RealtimeConfig
 from teleop_rt.config.rig import RigConfig
 from teleop_rt.config.trial import TrialConfig
+from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.transport import UdpTransport
 from teleop_rt.realtime.clock import RealClock
@@ -87,7 +88,8 @@ def slave_main(
         configs.begun()
         last_tick = round(trial.duration_s * trial.rig.rate_hz) if arm else None
         held.goes_on = daemon.run(
-            lambda: loop_clock(trial.rig, held.axis), _finished(slave, should_stop, last_tick)
+            lambda: loop_clock(trial.rig, held.axis, endpoint),
+            _finished(slave, should_stop, last_tick),
         )
         if_late = _if_late(trial, granted)
         return SlaveEnd(slave_outcome(slave, endpoint, if_late), again=held.goes_on)
@@ -141,10 +143,13 @@ def _if_late(trial: TrialConfig, granted: list[Privilege]) -> str:
     return advice(granted, rig.rate_hz, rig.realtime.cpu, simulated=trial.plant is not None)
 
 
-def loop_clock(rig: RigConfig, axis: Axis) -> RealClock:
-    """Return the loop's clock; where stamps are paired, arrivals are noted while it waits."""
+def loop_clock(rig: RigConfig, axis: Axis, endpoint: Endpoint) -> RealClock:
+    """Return the loop's clock: while it waits, the link's packet is taken in ahead of the tick.
+
+    Where stamps are paired, arrivals are noted meanwhile.
+    """
     watch = getattr(axis, "watch", None) if rig.axis.paired else None
-    return RealClock(rig.period_ns, round(rig.realtime.spin_us * 1e3), watch)
+    return RealClock(rig.period_ns, round(rig.realtime.spin_us * 1e3), watch, endpoint.take_ahead)
 
 
 def _finished(slave: Slave, should_stop: ShouldStop, last_tick: int | None) -> ShouldStop:

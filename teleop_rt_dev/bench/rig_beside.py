@@ -104,7 +104,7 @@ def slave_on(
                 trial, axis, endpoint, time.monotonic_ns, ring_folder, measure_work=True
             )
             slave.configure()
-            yield slave, partial(loop_clock, trial.rig, axis)
+            yield slave, partial(loop_clock, trial.rig, axis, endpoint)
         finally:
             axis.stop()
             axis.close()

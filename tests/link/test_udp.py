@@ -129,6 +129,58 @@ def test_one_expected_packet_is_all_that_a_poll_looks_at(ends, monkeypatch) -> N
     assert slave.statistics.received == 3
 
 
+def test_a_packet_taken_ahead_is_as_old_as_it_is_and_the_next_poll_takes_what_follows(ends) -> None:
+    master, slave, _, at_slave = ends
+    led_once(master, slave, at_slave)
+    clock = slave._now_ns
+    master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
+    wait_for(at_slave)
+    clock.now += 1000
+    slave.take_ahead()
+    assert slave.motion == MotionMessage(0.5, 0.0, 0, engaged=True)
+    clock.now += 200
+    slave.poll()
+    assert slave.silence_ns(clock.now) == 200
+    master.send(MotionMessage(0.75, 0.0, 0, engaged=True))
+    wait_for(at_slave)
+    slave.poll()
+    assert slave.motion == MotionMessage(0.75, 0.0, 0, engaged=True)
+    assert slave.statistics.received == 3
+
+
+def test_several_packets_ahead_of_a_poll_are_left_for_it_and_none_is_lost(
+    ends, monkeypatch
+) -> None:
+    master, slave, _, at_slave = ends
+    led_once(master, slave, at_slave)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for target in (0.5, 0.75):
+            master.send(MotionMessage(target, 0.0, 0, engaged=True))
+            stranger.sendto(b"hello", ("127.0.0.1", at_slave.port))
+    wait_for(at_slave)
+    with monkeypatch.context() as ahead:
+        ahead.setattr(at_slave, "receive", lambda: pytest.fail("a flood would delay the tick"))
+        slave.take_ahead()
+        slave.take_ahead()
+    assert slave.motion == MotionMessage(0.125, 0.0, 0, engaged=True)
+    slave.poll()
+    assert slave.motion == MotionMessage(0.75, 0.0, 0, engaged=True)
+    assert (slave.statistics.received, sum(slave.statistics.rejected.values())) == (3, 2)
+
+
+def test_nothing_is_taken_ahead_before_a_session_stands() -> None:
+    at_slave = UdpTransport()
+    slave = Endpoint("slave", at_slave, KEYS, Clock(), rate_hz=1000)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.sendto(b"hello", ("127.0.0.1", at_slave.port))
+        wait_for(at_slave)
+    slave.take_ahead()
+    assert not slave.statistics.rejected
+    slave.poll()
+    assert sum(slave.statistics.rejected.values()) == 1
+    slave.close()
+
+
 def test_of_several_packets_in_a_poll_the_last_is_the_newest(ends) -> None:
     master, slave, at_master, at_slave = ends
     led_once(master, slave, at_slave)

@@ -15,7 +15,7 @@ import numba
 import pytest
 
 from teleop_rt.realtime import own_pages, scheduling
-from teleop_rt.realtime.clock import RealClock
+from teleop_rt.realtime.clock import AHEAD_NS, RealClock
 from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.trial.processes import TrialProcesses
 
@@ -281,6 +281,36 @@ def test_a_spin_sleeps_less_and_wakes_nearer_to_the_deadline(machine):
     late = RealClock(1_000_000)
     late.wait_next_tick()
     assert late.wake_latency_ns >= 29_000
+
+
+@pytest.mark.parametrize("watched", [False, True])
+def test_work_ahead_of_a_tick_is_done_once_and_ends_before_the_deadline(machine, watched):
+    period, done = 1_000_000, []
+
+    def work() -> None:
+        done.append(clock._deadline_ns - machine.now)
+        machine.now += 30_000
+
+    watch = machine.sleep if watched else None
+    clock = RealClock(period, watch=watch, ahead=work)
+    for tick in range(1, 11):
+        assert clock.wait_next_tick() == 0
+        assert len(done) == tick
+    # A wake-up of FakeTime is 30 us late, and the work takes as long.
+    assert all(60_000 < before_ns <= AHEAD_NS for before_ns in done)
+    assert all(one > AHEAD_NS for one in machine.slept[:: len(machine.slept) // 10])
+
+
+def test_work_ahead_is_left_out_where_a_tick_leaves_no_time_for_it(machine):
+    done = []
+    clock = RealClock(1_000_000, ahead=lambda: done.append(machine.now))
+    clock.wait_next_tick()
+    machine.now = clock._deadline_ns + 1_000_000 - AHEAD_NS
+    assert clock.wait_next_tick() == 0
+    assert len(done) == 1
+    machine.now += 500_000
+    assert clock.wait_next_tick() == 0
+    assert len(done) == 2
 
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core")
