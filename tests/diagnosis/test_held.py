@@ -90,12 +90,12 @@ def test_terms_of_a_body_that_is_left_are_those_of_contact(
 @pytest.mark.parametrize("seed", cases(1, 2, 4))
 def test_a_bias_in_the_base_is_not_cut_where_the_body_would_pull(seed: int) -> None:
     """The body lets go with a jump of its damping; a bias was named beside the base's own."""
-    rng, t = np.random.default_rng(seed), DT_S / 8 * np.arange(7500 * 8)
+    rng, t = np.random.default_rng(seed), DT_S / 8 * np.arange(3750 * 8)
     rates = rng.uniform(0.2, 3.0, 6)
     x = sum(rng.uniform(0.2, 1.0) * np.sin(2.0 * np.pi * f * t + rng.uniform(0, 6)) for f in rates)
     x = 1.8e-3 * x / np.max(np.abs(x)) + 4e-4
     body = np.where(x > 0.0, 21_600.0 * x + 85.0 * np.gradient(x, DT_S / 8), 0.0)
-    force = np.maximum(body, 0.0)[::8] + 0.5 + 0.038 * rng.standard_normal(7500)
+    force = np.maximum(body, 0.0)[::8] + 0.5 + 0.038 * rng.standard_normal(3750)
     position = 2e-7 * np.round((x[::8] + 0.05) / 2e-7)
     made = from_arrays("body", t[::8], position, force)
     answer = diagnose(made, "stiffness,damping,bias").answer
@@ -119,7 +119,7 @@ def test_a_pull_that_lets_go_slowly_is_no_fixed_body() -> None:
 
 def test_free_air_is_seen_where_damping_hides_the_surface() -> None:
     """A damping with the depth is most of the force; two straight parts met in the body."""
-    t = 1e-3 * np.arange(15_000)
+    t = 2e-3 * np.arange(7500)
     x = np.full(t.size, -1e-4)
     for begin, length, size in ((1.0, 0.8, 4e-4), (5.0, 0.6, -4e-4), (6.0, 0.5, 4e-4),
                                 (13.0, 0.5, -4e-4)):  # fmt: skip
@@ -194,7 +194,7 @@ def test_a_fixed_body_softens_or_damps_more_along_the_stroke(
     lost: float, rising: float, effect: str
 ) -> None:
     """Both were laws of a body that is left alone; a fixed one was "unexplained" or a drift."""
-    t = 2e-3 * np.arange(6000)
+    t = 8e-3 * np.arange(1500)
     made = from_arrays("bushing", t, *_bushing(t, lost, rising))
     answer = diagnose(made, "spring,viscous,bias").answer
     assert answer["class"] == [[effect]]
@@ -238,7 +238,7 @@ def test_a_return_spring_that_hides_the_touch_is_named_and_no_layer(middle: floa
 
 
 def test_a_friction_that_yields_over_a_fifth_of_the_stroke_has_both_names() -> None:
-    t = 1e-3 * np.arange(8000)
+    t = 2e-3 * np.arange(4000)
     x = 1e-3 * np.sin(2.0 * np.pi * 0.7 * t) + 3e-4 * np.sin(2.0 * np.pi * 1.9 * t + 1.0)
     slid = np.zeros(t.size)
     for i in range(1, t.size):
