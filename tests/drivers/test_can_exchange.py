@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import struct
 import time
 from dataclasses import replace
@@ -19,7 +20,9 @@ from teleop_rt_drivers.canopen import exchange
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig
 from teleop_rt_drivers.canopen.exchange import COUNT, SENT, new_sync, note_sent, send_sync
+from teleop_rt_drivers.canopen.sdo import BOOT_UP
 from teleop_rt_drivers.canopen.source import SourceRecord
+from teleop_rt_drivers.canopen.watch import OPERATIONAL
 from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.unix_bus import UnixBus
 
@@ -104,6 +107,35 @@ def test_a_cycle_is_one_step_of_python_for_sync_and_command(buses, monkeypatch):
     axis.write(0.01)
     assert sample.valid
     assert [can_id for can_id, _ in said(theirs)] == [0x080, COMMAND]
+
+
+def test_the_own_heartbeat_is_one_frame_by_a_kernel_and_by_python(buses, monkeypatch):
+    ours, theirs = buses
+    axis = CanopenAxis(AXIS, RIG, ours, time.monotonic_ns)
+    axis.listen()
+    said(theirs)
+    with monkeypatch.context() as by_kernel:
+        by_kernel.setattr(axis, "_send_frame", lambda *_: pytest.fail("not by this way"))
+        axis._send_heartbeat()
+    frames = said(theirs)
+    assert frames == [(BOOT_UP + AXIS.daemon.node_id, bytes((OPERATIONAL,)))]
+    monkeypatch.setattr(axis, "_put_frame", None)
+    axis._send_heartbeat()
+    assert said(theirs) == frames
+
+
+def test_a_heartbeat_that_cannot_be_sent_is_counted_once(buses):
+    ours, _ = buses
+    axis = CanopenAxis(AXIS, RIG, ours, time.monotonic_ns)
+    axis.listen()
+    ours.door.door.descriptor = -1
+    axis._send_frame = failing
+    axis._send_heartbeat()
+    assert axis.counters["send_failed"] == 1
+
+
+def failing(*_: object) -> None:
+    raise OSError(errno.ENOBUFS, "no buffer space")
 
 
 def test_the_values_of_a_cycle_bear_the_time_of_the_frame_that_asked_for_them(buses):
