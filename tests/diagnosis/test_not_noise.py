@@ -167,7 +167,7 @@ def test_a_few_kicks_of_a_limiter_are_no_row_of_pulses(seed: int) -> None:
 
 
 @pytest.mark.parametrize("hidden", [True, False])
-@pytest.mark.parametrize("seed", cases(4, 1, 3))
+@pytest.mark.parametrize("seed", cases(3, 1, 4))
 def test_what_no_effect_explains_is_missing_unless_noise_hides_it(seed: int, hidden: bool) -> None:
     x, v = _stepped(seed)
     pitch_m = 3.6e-4 if seed == 4 else 6e-4
