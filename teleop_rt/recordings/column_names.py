@@ -22,13 +22,23 @@ _SENSORS = {
 }  # fmt: skip
 """Names that are taken for a role where no column has a name of the quantity itself."""
 _NUMBERED = re.compile(r" \(column \d+\)$")  # of names that a table has more than once
+_STRUCTURE = re.compile(r"^\w+\.(?=[^\W\d])")  # of MATLAB: log.time is a field of log
 _AXES = {"x", "y", "z", "rx", "ry", "rz"}
 """Ends of names that state an axis and no unit."""
 
 
 def columns_named(table: Mapping[str, Vector], role: str) -> list[str]:
-    """Return the columns whose names fit the role: one, none, or several that each could be it."""
+    """Return the columns whose names fit the role: one, none, or several that each could be it.
+
+    Where no whole name fits, the names of fields count without that of their structure.
+    """
     own = {name: _NUMBERED.sub("", name) for name in table if table[name].size > 1}
+    fields = {name: _STRUCTURE.sub("", word) for name, word in own.items()}
+    return _fitting(own, role) or _fitting(fields, role)
+
+
+def _fitting(own: Mapping[str, str], role: str) -> list[str]:
+    """Return the columns that fit the role, by the word that names each."""
     plain = {name: without_units(word, role)[0] for name, word in own.items()}
     # A capital letter alone is another quantity (T a period), a capital in a word is not.
     plain = {

@@ -87,6 +87,8 @@ def layout_of(
 def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[str, Column]:
     """Return the columns by role, which are given or follow from their names.
 
+    No column of times is sought beside a rate where position and force are given.
+
     Raises RecordingError if a given column or unit is unknown, if two names fit one role, if the
     name of a column states two units, and if there is no time (nor a rate), position or force.
     """
@@ -94,6 +96,8 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
         role: [layout.columns[role]] if role in layout.columns else columns_named(table, role)
         for role in UNITS
     }
+    if layout.rate_hz is not None and {"position", "force"} <= layout.columns.keys():
+        named["time"] = [layout.columns["time"]] if "time" in layout.columns else []
     _refuse_unclear(path, table, layout, named)
     columns = {
         role: _in_full(path, table, role, names[0]) for role, names in named.items() if names

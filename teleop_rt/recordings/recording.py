@@ -17,6 +17,7 @@ from teleop_rt.recordings.resampling import GAP, SampleTimes, covered, resampled
 from teleop_rt.recordings.rows import Stretch, quantisation_step, stretches
 from teleop_rt.recordings.table_files import read_table
 from teleop_rt.recordings.usable import (
+    WITHOUT_TIMES,
     period_of,
     refuse_nothing_to_learn,
     refuse_other_lengths,
@@ -90,7 +91,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         if layout.rate_hz is not None:
             raise RecordingError(
                 f"{path}: has a column with times: leave out --rate, or rate_hz in"
-                f" {path.stem}.columns.yaml"
+                f" {path.stem}.columns.yaml; or leave out the times: {WITHOUT_TIMES}"
             )
         time = found["time"].values - found["time"].values[:1]
     else:  # else `columns_of` has refused it

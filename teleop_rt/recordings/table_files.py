@@ -73,9 +73,15 @@ def _read_mat(path: Path) -> dict[str, Vector]:
     from scipy.io import loadmat, matlab, whosmat  # noqa: PLC0415 - takes longer than other files
 
     try:
-        arrays = [(name, shape) for name, shape, kind in whosmat(path) if kind in _NUMERIC_CLASSES]
+        held = whosmat(path)
+        arrays = [(name, shape) for name, shape, kind in held if kind in _NUMERIC_CLASSES]
+        structs = [name for name, shape, kind in held if kind == "struct" and shape == (1, 1)]
         refuse_more(path, _NUMBER_BYTES * sum(math.prod(shape) for _, shape in arrays), most)
-        return _arrays(loadmat(path, variable_names=[name for name, _ in arrays]))
+        read = loadmat(path, variable_names=[name for name, _ in arrays] + structs)
+        fields = {f"{name}.{field}": read[name][0, 0][field]
+                  for name in structs for field in read[name].dtype.names or ()}  # fmt: skip
+        refuse_more(path, _NUMBER_BYTES * sum(value.size for value in fields.values()), most)
+        return _arrays(read | fields)
     except matlab.MatReadError as error:
         raise TableError(str(error)) from error
 

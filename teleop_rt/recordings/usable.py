@@ -14,6 +14,8 @@ from teleop_rt.recordings.rows import lone
 from teleop_rt.recordings.units import factor_of
 
 MIN_SAMPLES = 300  # fewer cannot separate noise and effect
+WITHOUT_TIMES = "--columns position=NAME force=NAME --rate HZ"
+"""By which a column of times is not read: options name all columns that are."""
 _PERIOD_ROUNDING = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
 _SHORTEST_S = 0.2  # s: ten of the windows of 20 ms in which velocities are found
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
@@ -71,7 +73,8 @@ def period_of(name: str, t: Vector, slowest_hz: float) -> float:
         if repeated == np.count_nonzero(steps <= 0.0):
             next_step = (
                 f"{repeated} of {t.size} times are the same as those before: export finer times,"
-                " or only rows with new ones; or leave the times out, and give --rate"
+                " or only rows with new ones; or, if the rows are evenly spaced, leave out the"
+                f" times: {WITHOUT_TIMES}"
             )
         raise RecordingError(
             f"{name}: time does not increase at sample {place + 1}: {t[place]:.6g} s is followed"
