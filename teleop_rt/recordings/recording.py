@@ -19,6 +19,7 @@ from teleop_rt.recordings.table_files import read_table
 from teleop_rt.recordings.usable import (
     WITHOUT_TIMES,
     period_of,
+    refuse_mark,
     refuse_nothing_to_learn,
     refuse_other_lengths,
     usable,
@@ -103,6 +104,8 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     refuse_other_lengths(path.name, columns)
     fresh = _fresh(path, table, layout, time)
     columns = {role: column[fresh] for role, column in columns.items()}
+    for role in ("position", "force"):
+        refuse_mark(path.name, role, columns[role], found[role].factor)
     columns["force"] = without_lag(columns["time"], columns["force"], layout.force_lag_s)
     made = from_columns(
         path.name,

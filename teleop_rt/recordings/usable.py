@@ -18,6 +18,9 @@ WITHOUT_TIMES = "--columns position=NAME force=NAME --rate HZ"
 """By which a column of times is not read: options name all columns that are."""
 _PERIOD_ROUNDING = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
 _SHORTEST_S = 0.2  # s: ten of the windows of 20 ms in which velocities are found
+_MARKED, _MARK_RANGES = 3, 20.0
+"""Samples that share a mark for missing values, and its distance in ranges of all others: what
+moves or presses is in between, also where a converter cuts it off."""
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
 """An even grid has at most so many points for each sample, and so many more: gaps are few."""
 
@@ -51,6 +54,30 @@ def usable(name: str, time: Vector, position: Vector, force: Vector) -> NDArray[
         )
     good[good] = ~lone(position[good])
     return good
+
+
+def refuse_mark(name: str, role: str, row: Vector, factor: float) -> None:
+    """Raise RecordingError where one value, far beyond all others, marks missing samples.
+
+    `factor` is that from the file's values to the row's: the message has the file's.
+    """
+    ends = (float(np.fmin.reduce(row, initial=np.inf)), float(np.fmax.reduce(row, initial=-np.inf)))
+    mark = max(ends, key=abs)
+    marked = row == mark
+    count = int(np.count_nonzero(marked))
+    if count < _MARKED or 2 * count > row.size or not abs(mark) <= MOST:
+        return
+    rest = row[~marked & _of_sense(row)]
+    if rest.size == 0 or np.ptp(rest) <= LEAST:
+        return
+    largest = float(np.max(np.abs(rest)))
+    times = float(f"{abs(mark) / largest:.2g}")
+    if abs(mark) - largest > _MARK_RANGES * np.ptp(rest):
+        raise RecordingError(
+            f"{name}: the {role} is exactly {mark / factor:.6g} in {count} of {row.size} samples,"
+            f" {times:g} times the largest of the rest: a mark for missing values? If so, delete"
+            " these cells: empty ones count as missing"
+        )
 
 
 def _listed(counts: Mapping[str, int]) -> str:

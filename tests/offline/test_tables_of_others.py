@@ -54,3 +54,22 @@ def test_a_rate_beside_a_column_that_is_given_for_the_time_is_refused(tmp_path: 
     columns = {"time": "t_s", "position": "x_mm", "force": "F_N"}
     with pytest.raises(RecordingError, match="leave out --rate"):
         load(path, layout_of(path, columns, rate_hz=1000.0))
+
+
+@pytest.mark.parametrize(("role", "mark"), [("force", -9999.0), ("x", 32767.0)])
+def test_a_mark_for_missing_values_is_pointed_at(tmp_path: Path, role: str, mark: float) -> None:
+    path = tmp_path / "a.npz"
+    rows = {"t_s": T, "x_mm": X.copy(), "force_mN": FORCE.copy()}
+    name = next(name for name in rows if name.startswith(role))
+    rows[name][700:800] = mark
+    np.savez(path, **rows)
+    said = f"is exactly {mark:g} in 100 of 3000 samples, .* times .* missing values.* delete"
+    with pytest.raises(RecordingError, match=said):
+        load(path)
+    rows[name][700:800] = np.nan
+    np.savez(path, **rows)
+    assert load(path).missing == 100
+
+
+def test_a_force_that_is_cut_at_its_range_is_no_mark_for_missing_values(tmp_path: Path) -> None:
+    assert load(table(tmp_path / "a.csv", force=np.minimum(FORCE, 6.0))).missing == 0
