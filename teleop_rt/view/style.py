@@ -251,4 +251,4 @@ def effect_in_words(effect: Mapping[str, Any]) -> str:
         else f"{p['value']:.4g} {printed(p['unit'])}".removesuffix(" 1")
         for key, p in shown.items()
     }
-    return str(effect["sentence"]).format(**figures)
+    return str(effect["template"]).format(**figures)

@@ -11,6 +11,7 @@ import scipy
 
 from teleop_rt.contact.effects import LIBRARY, NAMES, find
 from teleop_rt.contact.effects.user import EffectError, load_file
+from teleop_rt.diagnosis.answers.answer import effect_entry
 from teleop_rt.diagnosis.answers.extended import ExtendedModelError, read, write
 from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
 from teleop_rt.view.style import effect_in_words
@@ -282,5 +283,16 @@ def test_an_extended_model_without_a_shape_is_refused(tmp_path: Path) -> None:
 def test_a_bias_of_either_sign_reads_as_what_the_sensor_shows(bias):
     effect = find("force_bias")
     shown = {"bias": {"value": bias, "std": None, "unit": "N"}}
-    words = effect_in_words({"sentence": effect.sentence, "parameters": shown})
+    words = effect_in_words({"template": effect.sentence, "parameters": shown})
     assert words == f"The force sensor reads {bias:.4g} N where the force is zero."
+
+
+def test_the_sentence_of_an_answer_has_the_figures_and_its_template_the_names() -> None:
+    effect = find("second_layer")
+    shown = {
+        "layer_stiffness": {"value": 1234.56, "std": None, "unit": "N/m"},
+        "depth": {"value": None, "std": None, "unit": "m"},
+    }
+    found = effect_entry(effect, shown)
+    assert found["sentence"] == "Below unknown a second layer adds 1235 N/m."
+    assert found["template"] == effect.sentence

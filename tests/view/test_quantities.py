@@ -81,7 +81,7 @@ def test_a_parameter_of_a_micro_body_is_shown_in_the_unit_of_its_size(value, uni
 
 def test_the_sentence_of_an_effect_has_the_units_of_its_parameters():
     depth = {"value": 7.67e-11, "std": None, "unit": "m"}
-    effect = {"parameters": {"depth": depth}, "sentence": "A layer at {depth}."}
+    effect = {"parameters": {"depth": depth}, "template": "A layer at {depth}."}
     assert effect_in_words(effect) == "A layer at 0.0767 nm."
 
 

@@ -117,6 +117,16 @@ def parameters_of_effect(
     return found
 
 
+def _with_figures(sentence: str, parameters: dict[str, Any]) -> str:
+    """Return an effect's sentence with its figures, in SI as the parameters beside it."""
+    return sentence.format(**{
+        name: "unknown"
+        if one["value"] is None
+        else f"{one['value']:.4g} {one['unit']}".removesuffix(" 1")
+        for name, one in parameters.items()
+    })  # fmt: skip
+
+
 def effect_entry(
     effect: Effect,
     parameters: dict[str, Any],
@@ -133,7 +143,8 @@ def effect_entry(
         "explains": None if explains is None else round(explains, 4),
         "absorbed_by_base": absorbed,
         "compensation": effect.compensation,
-        "sentence": effect.sentence,
+        "sentence": _with_figures(effect.sentence, parameters),
+        "template": effect.sentence,
     }
 
 

@@ -60,7 +60,9 @@ class FoundEffect(Keys):
     compensation: Compensation
     """The controller's treatment of the effect."""
     sentence: str
-    """Sentence about the effect; a parameter's name in braces is replaced by its value."""
+    """Sentence about the effect, with its figures in SI."""
+    template: str
+    """The same with the name of each parameter in braces, for figures in other units."""
 
 
 class Experiment(Keys):
