@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from teleop_rt.contact.effect import Vector
 from teleop_rt.recordings.units import UNITS
 
+NEEDED = ("time", "position", "force")
+"""Roles that a recording must have."""
 _NAMES = {
     "time": {"t", "time", "timestamp"},
     "position": {"position", "pos", "x", "angle", "displacement"},

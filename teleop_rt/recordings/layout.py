@@ -15,6 +15,7 @@ import numpy as np
 from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.column_names import (
+    NEEDED,
     columns_named,
     foreign_unit,
     may_be,
@@ -23,8 +24,6 @@ from teleop_rt.recordings.column_names import (
 )
 from teleop_rt.recordings.columns_file import ColumnsFile, load_columns
 from teleop_rt.recordings.units import ANGLES, UNITS, factor_of
-
-_NEEDED = ("time", "position", "force")
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ def _refuse_unclear(
 
     The message lists the columns found, and the options to complete and to paste.
     """
-    needed = [role for role in _NEEDED if role != "time" or layout.rate_hz is None]
+    needed = [role for role in NEEDED if role != "time" or layout.rate_hz is None]
     lacking = [role for role in needed if not named[role]]
     several = {role: names for role, names in named.items() if len(names) > 1}
     if not lacking and not several:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.column_names import NEEDED
 from teleop_rt.recordings.filters import pieces
 from teleop_rt.recordings.layout import Column, Layout, columns_of, layout_of
 from teleop_rt.recordings.resampling import GAP, SampleTimes, covered, resampled
@@ -25,7 +26,6 @@ from teleop_rt.recordings.usable import (
     usable,
 )
 
-_NEEDED = ("time", "position", "force")
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _SLOWEST_STATED_HZ = 2.0  # Hz; a testing machine's, where the unit of time is stated
 _CLOCK_FITS = 3  # of a line through the stamps; the ticks change no more after the second
@@ -182,7 +182,7 @@ def from_columns(
 
     Raises RecordingError where nothing can be found out from them.
     """
-    good = usable(name, *(columns[role] for role in _NEEDED))
+    good = usable(name, *(columns[role] for role in NEEDED))
     if not good.all():  # else no copies
         columns |= {role: column[good] for role, column in columns.items()}
     dt = period_of(name, columns["time"], slowest_hz)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.recordings.cells import is_number, number_of
+from teleop_rt.recordings.column_names import NEEDED, may_be
 from teleop_rt.recordings.memory import most_bytes, refuse_more
 from teleop_rt.recordings.units import are_units
 
@@ -136,7 +137,9 @@ def _located(path: Path, encoding: str) -> _Text:
                         file=sys.stderr,
                     )
                 return _Text(path, encoding, delimiter, names, first)
-    if len(rows) < 2:
+    if len(rows) == 1:
+        raise TableError(f"no lines of numbers below line {rows[0] + 1}: was anything recorded?")
+    if not rows:
         raise ValueError("no data")
     _refuse_units_in_cells(lines[rows[-1]], rows[-1])
     last = f"line {rows[-1] + 1}: {lines[rows[-1]].strip()[:_CELL_SHOWN]!r}"
@@ -225,10 +228,12 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
     """Return the numbers of a table with empty, quoted or other cells: ten times slower.
 
     The first cell that is a text and no number is printed, and how many there are: they count as
-    missing. Raises ValueError naming the first line with another number of fields, and where both
-    marks of decimals occur.
+    missing. Columns of texts alone are not, and lines that repeat the names are left out. Raises
+    ValueError naming the first line with another number of fields, and where both marks of decimals
+    occur.
     """
     numbers, texts, marks = array("d"), [], set()
+    again = 0
     with text.path.open(encoding=text.encoding) as stream:
         for number, line in enumerate(islice(stream, text.first, None), text.first + 1):
             row = line.partition(_COMMENT)[0].strip("\r\n")
@@ -240,6 +245,9 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
                     f"line {number} has {len(cells)} fields, not {len(text.names)}: complete it,"
                     " or remove it"
                 )
+            if _are_names(cells, text.names):
+                again = again or number
+                continue
             for name, cell in zip(text.names, cells, strict=True):
                 numbers.append(number_of(cell))
                 if cell and not is_number(cell):
@@ -248,8 +256,19 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
                     marks.add("," in cell)
             if len(marks) > 1:
                 raise TableError("numbers have both , and . for decimals: save it with one of them")
-    _note_texts(text.path, texts)
-    return np.frombuffer(numbers).reshape(-1, len(text.names))
+    if again:
+        print(f"{text.path}: line {again} names the columns again", file=sys.stderr)
+    table = np.frombuffer(numbers).reshape(-1, len(text.names))
+    words = {name for name, row in zip(text.names, table.T, strict=True)
+             if np.isnan(row).all() and not any(may_be(name, role) for role in NEEDED)}  # fmt: skip
+    _note_texts(text.path, [found for found in texts if found[1] not in words])
+    return table
+
+
+def _are_names(cells: Sequence[str], names: Sequence[str]) -> bool:
+    """Return whether a line has the names of the columns, with or without their units."""
+    return all(cell and cell in (name, name.rpartition(" [")[0])
+               for cell, name in zip(cells, names, strict=True))  # fmt: skip
 
 
 def _note_texts(path: Path, texts: Sequence[tuple[int, str, str]]) -> None:

@@ -18,6 +18,8 @@ WITHOUT_TIMES = "--columns position=NAME force=NAME --rate HZ"
 """By which a column of times is not read: options name all columns that are."""
 _PERIOD_ROUNDING = 1.05  # a period of 0.1 s may be stamped as 0.10002 s
 _SHORTEST_S = 0.2  # s: ten of the windows of 20 ms in which velocities are found
+_DAY_S = 86400.0
+_JOINED = 50  # samples behind the latest time for each step backwards: more are no disorder
 _MARKED, _MARK_RANGES = 3, 20.0
 """Samples that share a mark for missing values, and its distance in ranges of all others: what
 moves or presses is in between, also where a converter cuts it off."""
@@ -91,13 +93,29 @@ def _of_sense(row: Vector) -> NDArray[np.bool_]:
     return np.asarray(np.abs(row) <= MOST, dtype=np.bool_)
 
 
+def _backwards(t: Vector, place: int) -> str:
+    """Return the cause and the next step where times run backwards after a place.
+
+    Rows in disorder go back often, or soon catch up; a second recording begins once.
+    """
+    backwards = np.count_nonzero(np.diff(t) < 0.0)
+    behind = np.count_nonzero(t[place + 1 :] < t[place])
+    if behind <= _JOINED * backwards:
+        return "sort the rows by time"
+    if 0.5 * _DAY_S < t[place] - t[place + 1] <= _DAY_S:
+        return f"a clock past midnight? Add {_DAY_S:g} s to the later times, or stamp with the date"
+    return "two recordings in one file? Save each in a file of its own"
+
+
 def period_of(name: str, t: Vector, slowest_hz: float) -> float:
     """Return the median period [s]; raises RecordingError if the times are no recording's."""
     steps = np.diff(t)
     if np.any(steps <= 0.0):
-        place, repeated = int(np.argmax(steps <= 0.0)), np.count_nonzero(steps == 0.0)
-        next_step = "sort the rows by time, or keep the part before or after"
-        if repeated == np.count_nonzero(steps <= 0.0):
+        back = steps < 0.0
+        place = int(np.argmax(back if back.any() else steps == 0.0))
+        repeated = np.count_nonzero(steps == 0.0)
+        next_step = _backwards(t, place)
+        if not back.any():
             next_step = (
                 f"{repeated} of {t.size} times are the same as those before: export finer times,"
                 " or only rows with new ones; or, if the rows are evenly spaced, leave out the"

@@ -262,7 +262,11 @@ def test_times_that_repeat_are_counted_and_those_that_go_back_are_not(
 ) -> None:
     for name, times, next_step in (
         ("coarse", np.floor(rows[:, 0] * 25.0) / 25.0, "750 of 1500 times are the same as those b"),
-        ("back", np.where(np.arange(SAMPLES) < 700, rows[:, 0], rows[:, 0] - 9.0), "sort the rows"),
+        (
+            "back",
+            np.where(np.arange(SAMPLES) < 700, rows[:, 0], rows[:, 0] - 9.0),
+            "two recordings",
+        ),
     ):
         table = np.column_stack((times, rows[:, 1:]))
         path = written(tmp_path / f"{name}.csv", ["t_s,x_mm,F_N", *lines(table, ",")])

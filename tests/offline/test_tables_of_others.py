@@ -73,3 +73,53 @@ def test_a_mark_for_missing_values_is_pointed_at(tmp_path: Path, role: str, mark
 
 def test_a_force_that_is_cut_at_its_range_is_no_mark_for_missing_values(tmp_path: Path) -> None:
     assert load(table(tmp_path / "a.csv", force=np.minimum(FORCE, 6.0))).missing == 0
+
+
+def test_a_column_of_texts_that_is_no_number_anywhere_is_not_noted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv")
+    names, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([f"{names},status", *(f"{row},OK" for row in rows)]))
+    assert load(path).force == pytest.approx(FORCE)
+    assert capsys.readouterr().err == ""
+    rows[5] = rows[5].rpartition(",")[0] + ",OL"
+    path.write_text("\n".join([f"{names},status", *(f"{row},OK" for row in rows)]))
+    load(path)
+    assert capsys.readouterr().err == (
+        f"{path}: line 7, column 'F_N': 'OL' is no number: counted as missing\n"
+    )
+
+
+def test_a_line_that_names_the_columns_again_is_pointed_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv")
+    names, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([names, *rows, names, *rows]))
+    with pytest.raises(RecordingError, match=r"two recordings in one file\?"):
+        load(path)
+    assert capsys.readouterr().err == f"{path}: line 3002 names the columns again\n"
+
+
+@pytest.mark.parametrize(
+    ("time", "cause"),
+    [
+        (np.where(T < 2.0, T, T - 2.0), r"two recordings in one file\? Save each"),
+        (86398.0 + np.where(T < 2.0, T, T - 86400.0), r"past midnight\? Add 86400 s to the later"),
+        (np.where(np.arange(3000) == 900, T - 0.0015, T), "sort the rows by time"),
+    ],
+)
+def test_time_that_runs_backwards_is_explained(
+    tmp_path: Path, time: np.ndarray, cause: str
+) -> None:
+    with pytest.raises(RecordingError, match=cause) as raised:
+        load(table(tmp_path / "a.csv", time=time))
+    assert ("sort" in str(raised.value)) is ("sort" in cause)
+
+
+def test_a_file_of_names_alone_is_said_to_have_no_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t_s,x_mm,F_N\n")
+    with pytest.raises(RecordingError, match="no lines of numbers below line 1: was anything rec"):
+        load(path)
