@@ -96,7 +96,18 @@ def _set_during_unloading(
 
 _ENERGY = (
     Shape("width", "1", 0.02, 5.0, 0.5, logarithmic=True, points=4),
-    Shape("depth", "{x}", 0.01, 2.0, 0.3, logarithmic=True, relative_to="travel", points=2),
+    Shape(
+        "depth",
+        "{x}",
+        0.01,
+        2.0,
+        0.3,
+        logarithmic=True,
+        relative_to="travel",
+        points=2,
+        # Far deeper than the travel, its energy alone is the scale: Ogden and Roxburgh, beta = 0.
+        ideal="upper",
+    ),
 )
 _DISTANCE = (
     Shape("length", "{x}", 0.03, 3.0, 0.3, logarithmic=True, relative_to="travel", points=5),
