@@ -50,9 +50,40 @@ def test_a_play_beyond_the_mass_is_a_play_and_no_second_mass(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("base", "masses"),
-    [("stiffness,damping,mass", {BEYOND_THE_MASS}), ("mass-spring-damper", {"tool_inertia"})],
+    [
+        ("stiffness,damping,mass", {BEYOND_THE_MASS}),
+        ("mass-spring-damper", {"tool_inertia", BEYOND_THE_MASS}),
+        ("kelvin-voigt", {"tool_inertia"}),
+    ],
 )
-def test_a_mass_of_the_tool_is_in_the_base_or_missing_not_both(base: str, masses: set[str]) -> None:
+def test_a_play_beyond_a_mass_needs_a_mass_and_the_tool_has_only_one(
+    base: str, masses: set[str]
+) -> None:
     laws = applicable(LIBRARY, recorded(1), base_of(base))
     ours = {"tool_inertia", BEYOND_THE_MASS}
     assert ours & {law for e in laws for law in (e.name, e.law)} == masses
+
+
+def test_a_held_mass_behind_a_play_may_lose_stiffness_too() -> None:
+    """The mass moves with the encoder; impacts of the play are left out, and the loss is slow."""
+    rng = np.random.default_rng(5)
+    t = DT_S * np.arange(6000)
+    x, a = np.full(t.size, 3e-3), np.zeros(t.size)
+    for frequency_hz, size_m in ((0.29, 1.4e-3), (0.83, 8e-4), (2.3, 3e-4)):
+        w, phase = 2.0 * np.pi * frequency_hz, rng.uniform(0.0, 2.0 * np.pi)
+        x += size_m * np.sin(w * t + phase)
+        a -= size_m * w * w * np.sin(w * t + phase)
+    tip = np.empty(t.size)
+    at = x[0]
+    for i, here in enumerate(x.tolist()):
+        at = min(max(at, here - 4e-4), here + 4e-4)
+        tip[i] = at
+    part = t / t[-1]
+    stiffness = 3900.0 * (1.0 - 0.08 * (3.0 * part**2 - 2.0 * part**3))
+    force = stiffness * tip + 180.0 * np.gradient(tip, DT_S) + 12.0 * a
+    force += 0.15 * rng.standard_normal(t.size)
+    recording = from_arrays("held", t, np.round((x + 0.03) / 1e-6) * 1e-6, force)
+    answer = diagnose(recording, "mass-spring-damper", surface=0.03).answer
+    assert answer["class"] == [["backlash", "softening"]]
+    assert answer["effects"][0]["law"] == BEYOND_THE_MASS
+    assert answer["error"]["after_over_floor"] < 1.15

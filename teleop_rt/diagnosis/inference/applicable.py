@@ -60,8 +60,8 @@ def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
 
     An estimated surface covers an offset and the flank of a play. Friction by direction equals
     symmetric friction and a bias (only a rest separates them); so does the surface of a body that
-    is `pressed` all along. A base with a power has a damping that grows with the depth. Without the
-    tool's mass, a play beyond it is any play.
+    is `pressed` all along. A base with a power has a damping that grows with the depth. Without a
+    mass, a play beyond it is any play.
     """
     if base.finds_surface and (effect.name, effect.law) in _SURFACE_SHIFTS:
         return True
@@ -69,7 +69,7 @@ def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
         return True
     if effect.name == "tool_inertia":
         return base.moves_mass
-    if effect.law == BEYOND_THE_MASS and not base.moves_mass:
+    if effect.law == BEYOND_THE_MASS and not base.has_mass:
         return True
     shifts = base.has_bias or (pressed and base.finds_surface and not base.has_power)
     return shifts and any(shape.name == _BY_DIRECTION for shape in effect.shapes)

@@ -22,6 +22,7 @@ from teleop_rt.diagnosis.noise.structure import noise_from
 from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts
 
 _RED_NOISE_RATIO = 3.0  # times the fastest noise's power; redder noise may contain an effect
+_SLOW_NOISE_RATIO, _SLOW_PART = 10.0, 50  # the same, of the slowest fiftieth of the band alone
 _WHITE_FITS = 3  # candidates found with white noise that are tried as well
 _NOISE_CANDIDATES = 5  # of the best candidates, each with a noise of its own
 _NOISE_ROUNDS = 3  # alternations of noise and effects, at most
@@ -77,13 +78,17 @@ def _with_settled_noise(
 
 
 def _looks_red(problem: Problem, fast: Problem) -> bool:
-    """Return whether the noise is far above the level of its fastest part.
+    """Return whether the noise, or its slow part, is far above the level of its fastest part.
 
     The part caused by the encoder's errors is known, and holds no effect.
     """
-    whole, quick = problem.whitener, fast.whitener.density
+    whole, quick = problem.whitener, float(np.mean(fast.whitener.density))
     unknown = np.maximum(whole.density - whole.known, 0.0)
-    return float(np.mean(unknown)) > _RED_NOISE_RATIO * float(np.mean(quick))
+    slow = unknown[: max(3, whole.bins // _SLOW_PART)]
+    return (
+        float(np.mean(unknown)) > _RED_NOISE_RATIO * quick
+        or float(np.mean(slow)) > _SLOW_NOISE_RATIO * quick
+    )
 
 
 def _with_own_parameters(problem: Problem, fit: Fit) -> Fit:
