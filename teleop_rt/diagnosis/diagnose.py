@@ -122,7 +122,8 @@ def _add_notes(
     hints = (turned_sign(found.problem, found.base.model), other_base(found))
     answer["notes"] += [hint for hint in hints if hint is not None]
     answer["notes"] += notes_of(answer, model, base, recording, surface, made.weighed.samples)
-    answer["notes"] += of_lost_contact(found.problem, found.predicts, start) + list(made.signs)
+    answer["notes"] += of_lost_contact(found.problem, found.predicts, recording, start)
+    answer["notes"] += list(made.signs)
     times = [(start + n * recording.dt, start + m * recording.dt) for n, m in made.weighed.lost]
     answer["notes"] += [of_dropout(*pair) for pair in times]
     answer["gaps"]["count"] += len(made.weighed.lost)

@@ -127,8 +127,8 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     base = answer["base"]
     values = ", ".join(parameter(name, value) for name, value in base["parameters"].items())
     say(f"  {base['model']} (base): {values}")
-    doubts = [note for note in answer["notes"] if "--base " in note]
-    for note in doubts:  # before the names that a wrong base would give
+    doubts = [note for note in answer["notes"] if "--base " in note or "--surface," in note]
+    for note in doubts:  # before the names that a wrong base or surface would give
         say(f"  note: {note}")
     print_effects(console, answer)
     _print_errors(say, answer)
@@ -157,8 +157,13 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
 def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
     """Print the errors of prediction, and properties of the unexplained remainder."""
     error = answer["error"]
+    ends = error["before"], error["after"]
+    worse = None not in ends and ends[1] > ends[0]
     if answer["predictor"] and set(answer["predictor"]) != {e["name"] for e in answer["effects"]}:
-        say(f"  predicts best with: {' + '.join(answer['predictor'])}")
+        best = (
+            "no set predicts better than the base; the nearest" if worse else "predicts best with"
+        )
+        say(f"  {best}: {' + '.join(answer['predictor'])}")
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
     say(f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}")
     if (nearest := answer["nearest"]) is not None:

@@ -9,6 +9,7 @@ import pytest
 
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.answers.errors import HeldOut
+from teleop_rt.diagnosis.answers.notes import notes_of
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
@@ -96,3 +97,45 @@ def test_a_side_that_pulls_may_also_touch_nothing() -> None:
     recording = outside_the_library()
     with pytest.raises(RecordingError, match=r"wrong sign.*touches nothing.*saturated"):
         diagnose(replace(recording, force=-recording.force), "kelvin-voigt", surface=0.0)
+
+
+def pressed(*, gap: bool = False) -> Recording:
+    """Return 10 s of presses on a spring and damper whose surface lies at 5 mm; a force is lost."""
+    t = np.arange(5000) * 2e-3
+    x = 6e-3 + 3.0e-3 * np.sin(4.4 * t - 1.57) + 1.2e-3 * np.sin(11.9 * t) + 6e-4 * np.sin(27.0 * t)
+    depth = x - 5e-3
+    force = np.where(depth > 0.0, np.maximum(2000.0 * depth + 8.0 * np.gradient(x, t), 0.0), 0.0)
+    force += 0.03 * np.random.default_rng(3).standard_normal(t.size)
+    x = x + 2e-6 * np.random.default_rng(4).standard_normal(t.size)
+    kept = (t < 4.0) | (t >= 4.6) if gap else np.ones(t.size, dtype=bool)
+    return from_arrays("pressed", t[kept], x[kept], force[kept])
+
+
+@pytest.mark.parametrize(("surface", "contradicted"), [(9e-3, True), (5.2e-3, False)])
+def test_a_given_surface_far_from_the_onset_of_force_is_contradicted(
+    surface: float, contradicted: bool
+) -> None:
+    notes = diagnose(pressed(), "kelvin-voigt", surface=surface).answer["notes"]
+    assert any("the force begins at 0.005" in note for note in notes) == contradicted
+
+
+def test_a_gap_is_no_lost_contact_and_no_limiter() -> None:
+    answer = diagnose(pressed(gap=True), "kelvin-voigt").answer
+    assert answer["verdict"] == "no_missing_effect"
+    assert answer["gaps"]["count"] == 1
+    assert not [note for note in answer["notes"] if "stood still" in note or "limiter" in note]
+
+
+def test_errors_of_another_set_than_the_named_one_are_reported_as_such() -> None:
+    recording = pressed()
+    answer = diagnose(recording, "kelvin-voigt").answer
+    named = {"verdict": "named", "effects": [{"name": "force_bias", "explains": 1.0}]}
+
+    def said(predictor: list[str]) -> list[str]:
+        changed = {**answer, **named, "predictor": predictor}
+        notes = notes_of(changed, base_of("kelvin-voigt"), "kelvin-voigt", recording, None, "usual")
+        return [note for note in notes if note.startswith("the errors are those of the set")]
+
+    assert said(["force_bias"]) == []
+    (note,) = said(["gravity_torque", "adhesion"])
+    assert note.endswith("gravity_torque + adhesion")

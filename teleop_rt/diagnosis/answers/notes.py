@@ -14,11 +14,12 @@ from teleop_rt.diagnosis.inference.explanation import highest_probability
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.samples.held import HELD, HELD_ABOUT, LEFT
+from teleop_rt.diagnosis.samples.onset import onset
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
 from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
 from teleop_rt.recordings.recording import Recording
-from teleop_rt.recordings.rows import stretches
+from teleop_rt.recordings.rows import stretches, without_lone
 
 STEPS_OF_MOTION = (
     "steps of the motion: the velocity jumps between two samples, as it does when the link jitters"
@@ -28,6 +29,7 @@ STEPS_OF_MOTION = (
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """Of the force's deviation; a larger error suggests that the recording is of another object."""
+_CONTRADICTED_SURFACE = 0.25  # of the depth; a nearer surface is the effect `contact_offset`
 _ROUNDED = 1e-3  # of a probability, as the answer states it
 _LEAST_OF_TIME = 0.1
 """Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
@@ -53,8 +55,12 @@ _RESTS_ON = {
 
 
 def _of_surface(base: Base, recording: Recording, surface: float | None) -> list[str]:
-    """Return the note on the assumed surface, where none was given."""
-    if not base.touches or surface is not None or recording.surface is not None:
+    """Return the note on the assumed surface, or on a given one that the recording contradicts."""
+    if not base.touches:
+        return []
+    if surface is not None:
+        return _of_contradicted_surface(recording, surface)
+    if recording.surface is not None:
         return []
     note = ""
     if not base.finds_surface:
@@ -68,6 +74,24 @@ def _of_surface(base: Base, recording: Recording, surface: float | None) -> list
             " which hides an offset of position or force; give it with --surface"
         )
     return [note] if note else []
+
+
+def _of_contradicted_surface(recording: Recording, surface: float) -> list[str]:
+    """Return the note on a given surface far from where the force of every approach begins."""
+    seen = onset(recording.position, without_lone(recording.force), recording.dt)
+    if seen is None or not seen.clear:
+        return []
+    apart = abs(seen.position - surface)
+    depth = float(np.max(recording.position)) - seen.position
+    if apart < max(_CONTRADICTED_SURFACE * depth, seen.within):
+        return []
+    unit = recording.units[0]
+    note = (
+        f"the force begins at {seen.position:.4g} {unit}, and the given surface is {surface:.4g}"
+        f" {unit}: if that is a mistake, names and parameters rest on it; give another --surface,"
+        " or none"
+    )
+    return [note]
 
 
 def _of_other_contact(base: Base, stated: str, surface: float | None) -> list[str]:
@@ -101,16 +125,20 @@ def notes_of(
         found.append(STEPS_OF_MOTION)
     else:
         half = half_window(recording.position, recording.dt, 2 if base.has_mass else 1)
-        found += _of_quick_motion(too_quick(recording.position, recording.dt, half), recording.dt)
-    return found + _of_what_is_left(answer) + _of_errors(answer)
+        found += _of_quick_motion(too_quick(recording.position, recording.dt, half), recording)
+    return found + _of_what_is_left(answer) + _of_predictor(answer) + _of_errors(answer)
 
 
-def _of_quick_motion(quick: Vector, dt: float) -> list[str]:
-    """Return the note on moments left out, whose velocity the position does not show."""
-    moments = stretches(quick > 0.0)
+def _of_quick_motion(quick: Vector, recording: Recording) -> list[str]:
+    """Return the note on moments left out, whose velocity the position does not show.
+
+    Over a gap the position is a bridge, whose bends are none of the motion.
+    """
+    dt = recording.dt
+    moments = [m for m in stretches(quick > 0.0) if not _missing(recording, *m)]
     if not moments:
         return []
-    first, seconds = moments[0][0] * dt, dt * float(np.sum(quick))
+    first, seconds = moments[0][0] * dt, dt * sum(past - first for first, past in moments)
     return [
         (
             f"{seconds:.2g} s of the motion were left out ({len(moments)} moments, the first at"
@@ -118,6 +146,11 @@ def _of_quick_motion(quick: Vector, dt: float) -> list[str]:
             " limiter stops the tool; effects that act only there are not detected"
         )
     ]
+
+
+def _missing(recording: Recording, first: int, past: int) -> bool:
+    """Return whether a sample of the stretch is missing in the recording."""
+    return bool(np.any(recording.mask[first:past] == 0.0))
 
 
 def _of_what_is_left(answer: dict[str, Any]) -> list[str]:
@@ -137,6 +170,16 @@ def _of_what_is_left(answer: dict[str, Any]) -> list[str]:
         " --effects FILE"
     )
     return [share, deviations]
+
+
+def _of_predictor(answer: dict[str, Any]) -> list[str]:
+    """Return the note on errors of another set than the named one."""
+    if answer["verdict"] not in {"named", "class"}:
+        return []
+    predictor, named = answer["predictor"], {effect["name"] for effect in answer["effects"]}
+    if not predictor or set(predictor) == named:
+        return []
+    return [f"the errors are those of the set that predicts best: {' + '.join(predictor)}"]
 
 
 def _explains_most(answer: dict[str, Any]) -> bool:
@@ -202,12 +245,15 @@ def of_dropout(first_s: float, past_s: float) -> str:
     )
 
 
-def of_lost_contact(problem: Problem, fit: Fit, start: float) -> list[str]:
+def of_lost_contact(problem: Problem, fit: Fit, recording: Recording, start: float) -> list[str]:
     """Return the note on stretches beyond the surface that were left out, and contradict the fit.
 
     They show the force of free air (see `lost_contact`); `start` is the time of the first sample
-    [s]. Where the model has no force either, nothing contradicts it.
+    [s]. Where the model has no force either, nothing contradicts it. A base without a surface has
+    no contact to lose.
     """
+    if not fit.model.base.touches:
+        return []
     motion, used = problem.motion, problem.whitener.mask > 0.0
     off = np.abs(problem.residual(fit))
     least = _LOST_CONTACT_RATIO * float(np.sqrt(np.mean(off[used] ** 2)))
@@ -218,6 +264,7 @@ def of_lost_contact(problem: Problem, fit: Fit, start: float) -> list[str]:
         if (past - first) * motion.dt >= _LOST_CONTACT_S
         and np.median(off[first:past]) > least
         and np.any(used[:first])
+        and not _missing(recording, first, past)
     ]
     if not lost:
         return []
