@@ -23,7 +23,7 @@ from teleop_rt.recordings.column_names import (
     without_units,
 )
 from teleop_rt.recordings.columns_file import ColumnsFile, load_columns
-from teleop_rt.recordings.units import ANGLES, UNITS, factor_of
+from teleop_rt.recordings.units import ANGLES, FOREIGN, UNITS, factor_of
 
 
 @dataclass(frozen=True)
@@ -216,6 +216,12 @@ def _column(
 ) -> Column:
     sign, plain = (-1.0, name[1:]) if name.startswith("-") else (1.0, name)
     unit = unit or next(iter(without_units(plain, role)[1]), None)
+    other = re.search(r"[\[(]([^\])]+)[\])]$", plain)
+    if unit is None and other is not None and other[1] in FOREIGN:
+        raise RecordingError(
+            f"{path}: {plain}: {other[1]} is no unit of {role}: give the factor to s, m, rad, N or"
+            f" Nm, as --units {role}=FACTOR"
+        )
     try:
         factor = 1.0 if unit is None else factor_of(role, unit)
     except ValueError as error:

@@ -37,6 +37,8 @@ _PIECE = 1 << 20
 _DELIMITERS = ("\t", ";", None, ",")
 """In the order in which they are tried; None: runs of blanks. A comma may also mark decimals."""
 _COMMENT = "#"
+_LABELS = {"channel", "channel name", "name", "signal", "unit", "units"}
+"""Before each cell of a line of names or units, as in `Unit,"V",Unit,"V"` of a scope."""
 _CELL_SHOWN = 40  # characters of a cell in a message
 _HINT = "; if commas mark the decimals, separate the columns by semicolons"
 _DECIMAL = re.compile(r"[-+]?\d*[.,]\d+(e[-+]?\d+)?", re.IGNORECASE)
@@ -207,13 +209,25 @@ def _names_of(above: Sequence[str], columns: int, delimiter: str | None) -> list
     rows = [_cells(line.lstrip("#% ").rstrip(delimiter), delimiter) for line in above[-2:]]
     full = [row + [""] * (columns - len(row)) if _is_name_of(row, columns) else [] for row in rows]
     names, below = ([[], [], *full])[-2:]
-    if names and are_units(below):
+    labels = {row[0].lower() for row in (names, below) if _is_labelled(row)}
+    names, below = (_unlabelled(row) for row in (names, below))
+    if names and (are_units(below) or labels & {"unit", "units"}):
         units = [cell.strip("[]()") for cell in below]
         below = [f"{name} [{unit}]" if unit else name
                  for name, unit in zip(names, units, strict=True)]  # fmt: skip
     named = [name or f"column{i + 1}" for i, name in enumerate(below or [""] * columns)]
     return [f"{name} (column {i + 1})" if named.count(name) > 1 else name
             for i, name in enumerate(named)]  # fmt: skip
+
+
+def _is_labelled(row: Sequence[str]) -> bool:
+    """Return whether each second cell labels the cell after it, as a name or as a unit."""
+    return len(row) > 1 and len(set(row[::2])) == 1 and row[0].lower() in _LABELS
+
+
+def _unlabelled(row: list[str]) -> list[str]:
+    """Return a row of names or units with its labels empty."""
+    return ["" if i % 2 == 0 else cell for i, cell in enumerate(row)] if _is_labelled(row) else row
 
 
 def _fields(text: _Text) -> int:

@@ -41,8 +41,9 @@ UNITS: dict[str, dict[str, float]] = {
     "surface": _POSITIONS,
 }
 
-_OTHERS = {"-", "1", "%", "\u00b0C", "K", "V", "A", "mA", "mV", "Hz", "rpm", "bar", "MPa", "kPa"}
-"""Units of columns that a recording may have beside them."""
+FOREIGN = {"\u00b0C", "K", "V", "A", "mA", "mV", "Hz", "rpm", "bar", "MPa", "kPa"}
+_OTHERS = {"-", "1", "%"} | FOREIGN
+"""Units of columns that a recording may have beside them; FOREIGN ones are of no role."""
 
 
 def are_units(cells: Sequence[str]) -> bool:

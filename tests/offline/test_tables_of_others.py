@@ -123,3 +123,19 @@ def test_a_file_of_names_alone_is_said_to_have_no_numbers(tmp_path: Path) -> Non
     path.write_text("t_s,x_mm,F_N\n")
     with pytest.raises(RecordingError, match="no lines of numbers below line 1: was anything rec"):
         load(path)
+
+
+def test_labels_before_names_and_units_are_no_names_and_volts_are_no_length(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = np.column_stack([T, FORCE, T, X])
+    head = 'Interval,1,Interval,1\nChannel name,"Force",Channel name,"Input 1"\nUnit,"N",Unit,"V"'
+    path = tmp_path / "a.csv"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.9g")
+    columns = {"time": "column1", "position": "Input 1 [V]"}
+    with pytest.raises(RecordingError, match=r"Input 1 \[V\]: V is no unit of position: .*FACTOR"):
+        load(path, layout_of(path, columns))
+    found = load(path, layout_of(path, columns, {"position": "1e-3"}))
+    assert found.position == pytest.approx(1e-3 * X)
+    assert found.force == pytest.approx(FORCE)
+    assert "columns: column1, Force [N], column3, Input 1 [V]" in capsys.readouterr().err
