@@ -256,6 +256,27 @@ def test_values_that_cannot_go_together_are_refused(tmp_path, override, message)
     assert "(it is" not in found
 
 
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        (
+            "estimation.models=[kelvin-voigt,hunt-crossley,kelvin-voigt]",
+            "kelvin-voigt is listed twice: list each once",
+        ),
+        ("estimation.solvers=[rls,rls]", "rls is listed twice"),
+        ("estimation.regressions=[direct,direct]", "direct is listed twice"),
+        ("link.host=999.1.1.1", "999.1.1.1 is no IPv4 address"),
+        ("link.bind_host=10.0.1", "10.0.1 is no IPv4 address"),
+    ],
+)
+def test_a_name_listed_twice_and_digits_that_are_no_address_are_refused(
+    tmp_path, override, message
+):
+    [found] = problems_of(tmp_path, overrides=[override])
+    assert found.startswith(f"--set {override}")
+    assert message in found
+
+
 def test_a_key_that_others_of_a_section_contradict_is_reported_with_both_places(tmp_path):
     path = tmp_path / "trial.yaml"
     [found] = problems_of(tmp_path, overrides=["rig.limits.force_max_N=80", "duration_s=4"])

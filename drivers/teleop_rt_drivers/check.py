@@ -10,6 +10,7 @@ from can.interfaces import VALID_INTERFACES
 
 from teleop_rt.axis import AxisError
 from teleop_rt.config.link import LinkConfig
+from teleop_rt.config.rig import LOWEST_RATE_HZ
 from teleop_rt.link.keys import KeyFileError, load_keys
 from teleop_rt.slave.pace import met_within_cap, unknown_speed
 from teleop_rt.trial.simulated_wall import unmet
@@ -228,7 +229,9 @@ def _load_finding(load: Load, rate_hz: int, where: str) -> Finding:
     share = load.share(rate_hz)
     what = f"{100 * share:.0f} % of {load.bit_rate} bit/s is used at {rate_hz} Hz, at worst"
     if share > load.fullest:
-        step = f"set rate_hz to at most {load.fitting_rate_hz}, or raise the bit rate"
+        fitting = load.fitting_rate_hz
+        slower = f"set rate_hz to at most {fitting}, or " if fitting >= LOWEST_RATE_HZ else ""
+        step = f"{slower}raise the bit rate"
         return Finding("error", what, where, step)
     if share > WARN_ABOVE * load.fullest:
         return Finding("warning", what, where, "leave room for repeated frames: lower rate_hz")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import ipaddress
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from teleop_rt.config.section import Section
 
@@ -121,6 +122,19 @@ class LinkConfig(Section):
             "Intervals [start, end) without any packet, counted from the start of the trial."
         ),
     )
+
+    @field_validator("host", "bind_host")
+    @classmethod
+    def _name_or_number(cls, host: str) -> str:
+        """Refuse digits and dots that are no address; a name is resolved at the start."""
+        if host.replace(".", "").isdigit():
+            try:
+                ipaddress.IPv4Address(host)
+            except ValueError as error:
+                raise ValueError(
+                    f"{host} is no IPv4 address: give four numbers up to 255"
+                ) from error
+        return host
 
     @model_validator(mode="after")
     def _rates_in_order(self) -> LinkConfig:

@@ -20,6 +20,9 @@ from teleop_rt.config.section import (
 )
 from teleop_rt.config.supervision import SupervisionConfig, UnsafeWord
 
+LOWEST_RATE_HZ = 100
+"""Of a loop; a slower one does not hold a contact."""
+
 
 class AxisConfig(Section):
     """The common section of all drivers; each driver extends it with its own keys."""
@@ -181,7 +184,7 @@ class RigConfig(Section):
         )
     )
     rate_hz: int = Field(
-        ge=100, le=4000, description="Rate of the slave's control loop; 1000 is usual."
+        ge=LOWEST_RATE_HZ, le=4000, description="Rate of the slave's control loop; 1000 is usual."
     )
     sensors: Sensors = Field(description="Properties of the sensors.")
     limits: Limits = Field(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, SerializeAsAny, model_validator
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from teleop_rt.config.contradictions import ContradictionError, contradictions
 from teleop_rt.config.extended import ExtendedModelConfig
@@ -137,6 +137,14 @@ class EstimationConfig(Section):
             "remembers about half a second. gn-vff-rls takes it as its upper bound."
         ),
     )
+
+    @field_validator("models", "regressions", "solvers")
+    @classmethod
+    def _each_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        twice = [name for place, name in enumerate(names) if name in names[:place]]
+        if twice:
+            raise ValueError(f"{twice[0]} is listed twice: list each once")
+        return names
 
 
 class SlaveConfig(Section):

@@ -56,6 +56,7 @@ class Statistics:
         self.words[ROUND_TRIP] = self.words[ROUND_TRIP_MIN] = self.words[ONE_WAY] = -1
         self._words = self.words.data
         self.rejected: dict[str, int] = {}
+        self._accepted_before: dict[str, int] = {}
         self.overtaken = self.take_overs = 0
 
     @property
@@ -93,9 +94,14 @@ class Statistics:
         """Smoothed delay from the peer to here, by the estimate of the peer's clock; -1 before."""
         return self._words[ONE_WAY]
 
+    def is_rejecting(self, reason: str) -> bool:
+        """Return whether packets were rejected for a reason, and none was accepted since."""
+        return self._accepted_before.get(reason) == self.received
+
     def reject(self, reason: str) -> None:
         """Count a packet that was not accepted."""
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
+        self._accepted_before[reason] = self.received
         if reason in OVERTAKEN:
             self.overtaken += 1
         else:

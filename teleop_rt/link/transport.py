@@ -59,6 +59,19 @@ class Transport(Protocol):
         """Release the transport."""
 
 
+def _resolved(peer: Address) -> Address:
+    """Return the peer's address as a number. Raises LinkError where its name is not known."""
+    host, port = peer
+    try:
+        found = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise LinkError(
+            f"cannot resolve {host!r}: {error.strerror}; correct link.host, or give the address of"
+            " the other side as a number"
+        ) from error
+    return str(found[0][4][0]), port
+
+
 class UdpTransport:
     """UDP datagrams over a non-blocking socket.
 
@@ -73,7 +86,7 @@ class UdpTransport:
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, peer: Address | None = None) -> None:
         self.peer_name = np.zeros(SENDER_BYTES, np.uint8)
-        self.peer = peer
+        self.peer = None if peer is None else _resolved(peer)
         self.unsent = 0
         self.sender: Address | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

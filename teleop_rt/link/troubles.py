@@ -45,8 +45,11 @@ NOTHING_TROUBLE, CLOCK_TROUBLE, TAKEN_TROUBLE = 5, 6, 7
 
 
 def first_refusal(statistics: Statistics) -> int:
-    """Return the index of the first trouble for which packets were rejected, or 0."""
+    """Return the index of the first trouble for which packets are rejected now, or 0.
+
+    A packet that was accepted since shows that the keys are right: those before were an attacker's.
+    """
     for index, (reason, _) in enumerate(TROUBLES):
-        if statistics.rejected.get(reason):
+        if statistics.is_rejecting(reason):
             return index
     return 0

@@ -133,13 +133,13 @@ FORCE_MISMATCH = Fault(
     32,
     "force_mismatch",
     "force sensor and drive measure different forces",
-    "check the sensor's wiring, zero and scale, and supervision.load, then reset and arm",
+    "check the sensor's wiring, sign, zero and scale, and supervision.load, then reset and arm",
 )
 POSITION_MISMATCH = Fault(
     33,
     "position_mismatch",
     "encoder and drive measure different motions",
-    "check the encoder's mounting, the coupling and both scales, then reset and arm",
+    "check the encoder's mounting, its sign, the coupling and both scales, then reset and arm",
 )
 DRIVE_SILENT = Fault(
     34,

@@ -47,6 +47,12 @@ def test_the_canopen_rig_uses_58_percent_of_1_mbit_at_1_khz():
     assert found.what.startswith("58 % of 1000000 bit/s is used at 1000 Hz")
 
 
+def test_a_bit_rate_that_no_loop_fits_is_refused_without_a_rate(tmp_path):
+    rig = edited("canopen", tmp_path, ("bitrate: 1000000", "bitrate: 10000"))
+    found = load_of(check_rig(rig))
+    assert (found.severity, found.next_step) == ("error", "raise the bit rate")
+
+
 def test_half_the_bit_rate_is_refused_with_the_rate_that_fits(tmp_path):
     rig = edited("canopen", tmp_path, ("bitrate: 1000000", "bitrate: 500000"))
     found = load_of(check_rig(rig))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import time
@@ -83,6 +84,13 @@ def test_a_missing_port_is_named_with_the_next_step(rig):
     axis = open_axis(rig, time.monotonic_ns)
     with pytest.raises(AxisError, match=r"cannot open the serial port .*counter.*by-id"):
         axis.configure()
+
+
+def test_a_port_that_another_program_holds_is_named_as_such():
+    _, theirs = pty.openpty()
+    fcntl.flock(theirs, fcntl.LOCK_EX)
+    with pytest.raises(AxisError, match=r"another program has it open: `fuser /dev/pts/\d+`"):
+        SerialStream(os.ttyname(theirs), 115200)
 
 
 def test_nothing_to_read_is_distinguished_from_a_cable_that_is_gone():

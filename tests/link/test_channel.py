@@ -144,10 +144,14 @@ def test_silence_is_the_time_since_the_last_accepted_packet_whatever_its_age() -
 
 def test_a_slave_that_no_longer_answers_is_reported_after_two_seconds() -> None:
     pair = Pair(back=Impairment(0, blackouts_ns=((1000 * MS, 9000 * MS),)))
-    pair.run(2900)
+    pair.run(900)
+    pair.master.statistics.reject("authentication")  # an attacker's, before packets of the slave
+    pair.run(2000)
     assert pair.master.trouble_code(pair.now) == 0
     pair.run(200)
     assert pair.master.trouble_code(pair.now) == NOTHING_TROUBLE
+    pair.master.statistics.reject("authentication")
+    assert TROUBLES[pair.master.trouble_code(pair.now)][0] == "authentication"
 
 
 def test_round_trip_and_clock_offset_are_estimated() -> None:

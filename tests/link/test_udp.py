@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import select
 import socket
+from contextlib import closing
 
+import numpy as np
 import pytest
 
 from teleop_rt.link.channel import Endpoint
@@ -74,6 +76,14 @@ def test_a_port_in_use_is_named_with_the_next_step() -> None:
     with pytest.raises(LinkError, match=rf"127\.0\.0\.1:{first.port}.*another port"):
         UdpTransport(port=first.port)
     first.close()
+
+
+def test_a_peer_whose_name_is_unknown_is_an_error_at_the_start() -> None:
+    with pytest.raises(LinkError, match=r"cannot resolve 'no-such-host.invalid'.*link.host"):
+        UdpTransport(peer=("no-such-host.invalid", 38_220))
+    with closing(UdpTransport(peer=("localhost", 38_220))) as transport:
+        assert transport.peer == ("127.0.0.1", 38_220)
+        assert np.any(transport.peer_name)
 
 
 def test_an_unreachable_peer_costs_packets_and_raises_nothing() -> None:

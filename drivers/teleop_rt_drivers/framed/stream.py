@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import select
@@ -22,6 +23,7 @@ MOST_READS_PER_CYCLE = 4
 CONTROL_CHARACTERS = 6
 """The place of `cc`, and so of VMIN and VTIME, in the list of termios.tcgetattr."""
 _NO_COUNT = bytes(4)
+_HELD = {errno.EAGAIN, errno.EBUSY}
 _LOOKS = 8
 """Looks at terminals while arrivals are watched: a `select` may wait longer than it is asked to, as
 a read may. Stamps deviate by 0.04 of the time that is watched, of the 0.1 that a rig counts on."""
@@ -166,10 +168,13 @@ class SerialStream(DescriptorStream):
             attributes[CONTROL_CHARACTERS][termios.VMIN] = b"\x01"
             termios.tcsetattr(self._serial.fileno(), termios.TCSANOW, attributes)
         except (serial.SerialException, OSError, ValueError, termios.error) as error:
-            raise AxisError(
-                f"cannot open the serial port {path}: {error}; `ls -l /dev/serial/by-id` shows "
-                "the devices that are plugged in, and the user must be in the group that owns it"
-            ) from error
+            step = (
+                f"another program has it open: `fuser {path}` shows which"
+                if getattr(error, "errno", None) in _HELD
+                else "`ls -l /dev/serial/by-id` shows the devices that are plugged in, and the user"
+                " must be in the group that owns it"
+            )
+            raise AxisError(f"cannot open the serial port {path}: {error}; {step}") from error
         # Not every adapter knows it; those that do answer up to 15 ms sooner.
         with contextlib.suppress(OSError, ValueError):
             self._serial.set_low_latency_mode(True)
