@@ -277,6 +277,11 @@ def test_a_name_listed_twice_and_digits_that_are_no_address_are_refused(
     assert message in found
 
 
+def test_a_trial_in_the_place_of_a_rig_is_named_as_such(tmp_path):
+    [found] = problems_of(tmp_path, overrides=[f"rig={tmp_path / 'trial.yaml'}"])
+    assert "is a trial, no rig: name the file that its key `rig` names" in found
+
+
 def test_a_key_that_others_of_a_section_contradict_is_reported_with_both_places(tmp_path):
     path = tmp_path / "trial.yaml"
     [found] = problems_of(tmp_path, overrides=["rig.limits.force_max_N=80", "duration_s=4"])

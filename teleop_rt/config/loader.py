@@ -134,6 +134,11 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
         raise ConfigError([ConfigProblem(document.place(keys), message)])
     loaded = read_yaml(file)
     _require_mapping(loaded, file)
+    if key == "rig" and "rig" in loaded.data:
+        message = (
+            f"{'.'.join(keys)}: {file} is a trial, no rig: name the file that its key `rig` names"
+        )
+        raise ConfigError([ConfigProblem(document.place(keys), message)])
     holder[key] = loaded.data
     document.places.update({(*keys, *inner): where for inner, where in loaded.places.items()})
 

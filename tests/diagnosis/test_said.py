@@ -126,6 +126,16 @@ def test_a_gap_is_no_lost_contact_and_no_limiter() -> None:
     assert not [note for note in answer["notes"] if "stood still" in note or "limiter" in note]
 
 
+@pytest.mark.parametrize(("sign", "turned"), [(1.0, "the position"), (-1.0, "both")])
+def test_a_position_that_counts_away_from_the_body_is_said_to_be_turned(
+    sign: float, turned: str
+) -> None:
+    held = pressed()
+    recording = from_arrays("turned", held.time_s, 0.05 - held.position, sign * held.force)
+    with pytest.raises(RecordingError, match=f"turn {turned}"):
+        diagnose(recording)
+
+
 def test_errors_of_another_set_than_the_named_one_are_reported_as_such() -> None:
     recording = pressed()
     answer = diagnose(recording, "kelvin-voigt").answer

@@ -192,11 +192,16 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
         float(np.ptp(bulk(row))) for row in (free, recording.force[touches(penetration)])
     )
     if in_air > _AIR_FORCE_RATIO * in_contact:
+        low, high = bulk(free)
+        untouched = float(np.median(recording.force[touches(penetration)]))
+        presses = high - untouched > untouched - low
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force varies by {in_contact:.3g}, in"
             f" free air by {in_air:.3g}; positions count positive into the environment, forces"
-            " positive when the tool presses: turn them with a minus before the column's name, or"
-            f" check --surface; {NO_CONTACT_HERE}"
+            " positive when the tool presses: turn"
+            f" {'the position' if presses else 'both'} with a minus before the column's name,"
+            f" --columns position=-NAME{'' if presses else ' force=-NAME'}, or check --surface;"
+            f" {NO_CONTACT_HERE}"
         )
     pressed = float(np.median(recording.force[touches(penetration)]) - np.median(free))
     least = _SIGMAS * force_noise(recording.force, recording.force_step)
