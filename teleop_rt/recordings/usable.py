@@ -77,7 +77,7 @@ def refuse_mark(name: str, role: str, row: Vector, factor: float) -> None:
     if abs(mark) - largest > _MARK_RANGES * np.ptp(rest):
         raise RecordingError(
             f"{name}: the {role} is exactly {mark / factor:.6g} in {count} of {row.size} samples,"
-            f" {times:g} times the largest of the rest: a mark for missing values? If so, delete"
+            f" {times:g} times the largest of the rest: if it marks missing values, remove"
             " these cells: empty ones count as missing"
         )
 

@@ -63,7 +63,7 @@ def test_a_mark_for_missing_values_is_pointed_at(tmp_path: Path, role: str, mark
     name = next(name for name in rows if name.startswith(role))
     rows[name][700:800] = mark
     np.savez(path, **rows)
-    said = f"is exactly {mark:g} in 100 of 3000 samples, .* times .* missing values.* delete"
+    said = f"is exactly {mark:g} in 100 of 3000 samples, .* times .* missing values.* remove"
     with pytest.raises(RecordingError, match=said):
         load(path)
     rows[name][700:800] = np.nan
