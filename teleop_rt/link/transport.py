@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from teleop_rt.errors import ExpectedError
+from teleop_rt.errors import FAULT, ExpectedError
 from teleop_rt.realtime.packets import SENDER_BYTES, Packets
 
 Address = tuple[str, int]
@@ -31,6 +31,12 @@ MEMORY_QUEUE = 4096
 
 class LinkError(ExpectedError):
     """The link cannot be opened as configured; the message gives cause, place and next step."""
+
+
+class UnknownHostError(LinkError):
+    """The peer's name is not known, or not yet: a service that ends by it is started again."""
+
+    code = FAULT
 
 
 class Transport(Protocol):
@@ -60,12 +66,12 @@ class Transport(Protocol):
 
 
 def _resolved(peer: Address) -> Address:
-    """Return the peer's address as a number. Raises LinkError where its name is not known."""
+    """Return the peer's address as a number. Raises UnknownHostError."""
     host, port = peer
     try:
         found = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
     except OSError as error:
-        raise LinkError(
+        raise UnknownHostError(
             f"cannot resolve {host!r}: {error.strerror}; correct link.host, or give the address of"
             " the other side as a number"
         ) from error
