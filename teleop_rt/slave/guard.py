@@ -187,7 +187,7 @@ def guarded(
 
 @kernel
 def retreated(tick: Tick, command: float, surface: float) -> float:
-    """Return a target on the way back to the surface, for when the master is silent."""
+    """Return a target on the way back to the surface, for when nobody leads."""
     if not math.isfinite(surface) or command <= surface:
         return command
     return max(surface, command - tick.retreat_step)
@@ -253,5 +253,5 @@ class ContactGuard:
         return guarded(self._tick, target, command, position, force, *news)
 
     def retreat(self, *, command: float, surface: float) -> float:
-        """Return a target on the way back to the surface, for when the master is silent."""
+        """Return a target on the way back to the surface, for when nobody leads."""
         return retreated(self._tick, command, surface)
