@@ -102,7 +102,7 @@ def check_simulated_wall(trial: TrialConfig) -> list[Finding]:
     """Return warnings where the trial does not meet the wall that is simulated for it."""
     if not isinstance(trial.plant, SimulatedPlantConfig):
         return []
-    found = unmet(trial, trial.plant.environment.model_dump())
+    found = unmet(trial, trial.plant.environment.model_dump(), trial.plant.start)
     return [Finding("warning", one.what, one.key, one.next_step) for one in found]
 
 

@@ -20,10 +20,11 @@ class Unmet(NamedTuple):
         return f"{self.what}; {self.next_step}"
 
 
-def unmet(trial: TrialConfig, environment: Mapping[str, Any]) -> list[Unmet]:
+def unmet(trial: TrialConfig, environment: Mapping[str, Any], start: float) -> list[Unmet]:
     """Return why the wall of a simulated plant is not met by this trial, or only in part.
 
-    `environment` has the keys of `plant.environment` without their units, in the rig's.
+    `environment` has the keys of `plant.environment` without their units, in the rig's; `start` is
+    the tool's true position at the start.
     """
     surface, stiffness = environment["surface"], environment["stiffness"]
     limits, units, operator = trial.rig.limits, trial.rig.units, trial.operator
@@ -33,6 +34,10 @@ def unmet(trial: TrialConfig, environment: Mapping[str, Any]) -> list[Unmet]:
     if surface >= limits.position_max:
         what = f"the surface at {surface:g} {position} is beyond {end}: nothing is touched"
         return [Unmet(what, at, f"set {at} below it")]
+    if start > surface:
+        what = f"the tool starts at {start:g} {position}, inside the body, whose surface is at "
+        what += f"{surface:g} {position}: its force is taken for the sensor's zero, or arming fails"
+        return [Unmet(what, at, f"set {at} above plant.start_{position}")]
     found: list[Unmet] = []
     if environment.get("hunt_crossley"):  # its stiffness depends on the depth
         return found

@@ -38,7 +38,9 @@ def all_notes(
     notes = notes_of(outcome, replayed)
     if adequacy["inadequate"]:
         notes.append(STRUCTURE)
-    notes += [str(one) for one in unmet(trial, truth["environment"])] if truth else []
+    if truth:  # those of earlier versions had no start
+        missed = unmet(trial, truth["environment"], truth.get("start", 0.0))
+        notes += [str(one) for one in missed]
     notes += _over_cap(trial, slave)
     notes += _steps(trial, slave)
     if outcome.get("interrupted"):

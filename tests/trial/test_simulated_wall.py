@@ -5,8 +5,11 @@ import pytest
 from teleop_rt.shipped import example, example_names
 
 OUT_OF_REACH = ("plant.environment.surface_m=0.5", "surface at 0.5 m is beyond limits.position_max")
+INSIDE = ("plant.environment.surface_m=-1", "the tool starts at 0 m, inside the body, whose")
 WALLS = [
     OUT_OF_REACH,
+    INSIDE,
+    ("plant.start_m=0.02", "set plant.environment.surface_m above plant.start_m"),
     ("plant.environment.surface_m=0.05", "past limits.position_max 0.06"),
     ("plant.environment.stiffness_N_per_m=80000", "is above limits.stiffness_max 40000"),
     ("plant.environment.stiffness_N_per_m=80000", "would press with 1600 N"),
@@ -29,8 +32,8 @@ def test_check_is_silent_on_the_walls_of_every_shipped_trial(call, monkeypatch):
 
 
 @pytest.mark.usefixtures("no_pages")
-def test_the_summary_explains_a_wall_that_is_out_of_reach(call):
-    change, said = OUT_OF_REACH
+@pytest.mark.parametrize(("change", "said"), [OUT_OF_REACH, INSIDE])
+def test_the_summary_explains_a_wall_that_is_not_met(change, said, call):
     changes = ("--set", change, "--set", "duration_s=0.5")
     _, out, _ = call("run", "silicone_cube", "--clock", "simulated", *changes, "--out", "run")
     lines = out.splitlines()

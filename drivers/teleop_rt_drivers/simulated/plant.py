@@ -281,6 +281,7 @@ class Plant:
     def truth(self) -> dict[str, Any]:
         """Return all that only the plant knows, in the rig's units."""
         return {
+            "start": self.config.start,
             "environment": self.config.environment.model_dump(),
             "sensors": self.config.sensors.model_dump(),
             "drive": self.config.drive.model_dump(),
