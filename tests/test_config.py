@@ -267,14 +267,26 @@ def test_values_that_cannot_go_together_are_refused(tmp_path, override, message)
         ("estimation.regressions=[direct,direct]", "direct is listed twice"),
         ("link.host=999.1.1.1", "999.1.1.1 is no IPv4 address"),
         ("link.bind_host=10.0.1", "10.0.1 is no IPv4 address"),
+        ("link.host=::1", "::1 is an IPv6 address or has a port, and the link uses IPv4 alone"),
+        ("link.bind_host='::'", "and the link uses IPv4 alone: give the IPv4 address"),
+        ("link.host=slave:9000", "ports as slave_port and master_port"),
+        ("link.host=a b", "'a b' is no name of a machine: give its name of letters, digits"),
+        ("link.host=''", "'' is no name of a machine"),
+        ("link.bind_host=a..b", "'a..b' is no name of a machine"),
+        ("link.host=224.0.0.1", "224.0.0.1 is the address of many machines: give that of one"),
+        ("link.host=0.0.0.0", "0.0.0.0 is to listen on (bind_host)"),
     ],
 )
-def test_a_name_listed_twice_and_digits_that_are_no_address_are_refused(
-    tmp_path, override, message
-):
+def test_a_name_listed_twice_and_what_is_no_address_are_refused(tmp_path, override, message):
     [found] = problems_of(tmp_path, overrides=[override])
     assert found.startswith(f"--set {override}")
     assert message in found
+
+
+@pytest.mark.parametrize("host", ["localhost", "rig-4.lab.example.", "slave_1", "192.168.1.7"])
+def test_names_and_numbers_of_machines_are_accepted(tmp_path, host):
+    changed = load_trial(write(tmp_path), AXES, PLANTS, [f"link.host={host}"])
+    assert changed.link.host == host
 
 
 def test_a_trial_in_the_place_of_a_rig_is_named_as_such(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -12,6 +13,8 @@ from teleop_rt.config.section import Section
 Rate = Annotated[int, Field(ge=1, le=100_000)]
 Second = Annotated[float, Field(ge=0, le=86_400)]
 """Of a trial, which lasts a day at most."""
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?")
+"""Of a machine, as the domain name system has it."""
 
 
 class LinkConfig(Section):
@@ -126,14 +129,32 @@ class LinkConfig(Section):
     @field_validator("host", "bind_host")
     @classmethod
     def _name_or_number(cls, host: str) -> str:
-        """Refuse digits and dots that are no address; a name is resolved at the start."""
-        if host.replace(".", "").isdigit():
-            try:
-                ipaddress.IPv4Address(host)
-            except ValueError as error:
-                raise ValueError(
-                    f"{host} is no IPv4 address: give four numbers up to 255"
-                ) from error
+        """Refuse an address that no packet can have; a name is resolved at the start."""
+        if ":" in host:
+            raise ValueError(
+                f"{host} is an IPv6 address or has a port, and the link uses IPv4 alone: give the"
+                " IPv4 address or the name, and ports as slave_port and master_port"
+            )
+        if not _NAME.fullmatch(host):
+            raise ValueError(
+                f"{host!r} is no name of a machine: give its name of letters, digits, - and dots,"
+                " or its IPv4 address"
+            )
+        if not host.replace(".", "").isdigit():
+            return host
+        try:
+            number = ipaddress.IPv4Address(host)
+        except ValueError as error:
+            raise ValueError(f"{host} is no IPv4 address: give four numbers up to 255") from error
+        if number.is_multicast or number == ipaddress.IPv4Address("255.255.255.255"):
+            raise ValueError(f"{host} is the address of many machines: give that of one")
+        return host
+
+    @field_validator("host")
+    @classmethod
+    def _one_machine(cls, host: str) -> str:
+        if host == "0.0.0.0":  # noqa: S104 - refused
+            raise ValueError("0.0.0.0 is to listen on (bind_host): give the other side's address")
         return host
 
     @model_validator(mode="after")
