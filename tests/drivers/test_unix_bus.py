@@ -373,3 +373,20 @@ def test_classic_frames_alone_are_what_comes_one_by_one(channel):
             read.append(plain(taking(256)))
         assert read[0] == read[1]
         assert read[0] == [(0x180 + n, bytes(range(n))) for n in range(9)]
+
+
+def test_frames_that_wait_are_not_taken_for_a_program_that_comes(channel, monkeypatch):
+    with UnixBus(channel) as ours, UnixBus(channel) as talking:
+        assert ids(ours) == []
+        talking.send(frame(1))
+        with monkeypatch.context() as alone:
+            alone.setattr(ours, "_meet", lambda: pytest.fail("that takes longer than the cycle"))
+            for _ in range(20):
+                assert ours.is_plain()
+            for _ in range(20):
+                talking.send(frame(2))
+                assert ours.waiting_frames(256)
+        with UnixBus(channel):
+            for _ in range(20):
+                plain_still = ours.is_plain()
+            assert not plain_still
