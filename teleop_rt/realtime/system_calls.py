@@ -61,7 +61,8 @@ _error = _error_of_c_library()
 _FLAGS, _SEND_FLAGS = socket.MSG_DONTWAIT, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 _MONOTONIC = time.CLOCK_MONOTONIC
 _COUNT_WAITING = termios.FIONREAD
-_COUNT_BYTES = 4  # FIONREAD writes a C int
+COUNT_BYTES = 4
+"""Bytes of the C int that FIONREAD writes."""
 _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
 
@@ -94,6 +95,21 @@ def read_bytes(descriptor: int, place: int, room: int) -> int:
 
 
 @kernel
+def count_delivered(descriptor: int, memory: NDArray[np.uint8], place: int) -> int:
+    """Return how many bytes wait that a terminal's driver delivered.
+
+    That is minus an error's number where the line is gone. The first COUNT_BYTES of `memory`, which
+    lies at `place`, are written.
+    """
+    if _ioctl(descriptor, _COUNT_WAITING, place) < 0:
+        return -_error()[0]
+    count = np.int64(0)
+    for byte in range(COUNT_BYTES):
+        count |= np.int64(memory[byte]) << np.int64(8 * byte)
+    return int(count)
+
+
+@kernel
 def read_delivered(descriptor: int, memory: NDArray[np.uint8], place: int) -> int:
     """Read the bytes that a terminal's driver delivered to an address; return their number.
 
@@ -101,12 +117,8 @@ def read_delivered(descriptor: int, memory: NDArray[np.uint8], place: int) -> in
     first: even a read that must not wait does so on a terminal on which nothing is, until a worker
     of the kernel, which has no priority, has delivered more.
     """
-    if _ioctl(descriptor, _COUNT_WAITING, place) < 0:
-        return -_error()[0]
-    count = np.int64(0)
-    for byte in range(_COUNT_BYTES):
-        count |= np.int64(memory[byte]) << np.int64(8 * byte)
-    return read_bytes(descriptor, place, len(memory)) if count > 0 else 0
+    count = count_delivered(descriptor, memory, place)
+    return read_bytes(descriptor, place, len(memory)) if count > 0 else count
 
 
 @kernel

@@ -13,6 +13,7 @@ from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import new_counters, rejected
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig
+from teleop_rt_drivers.framed.quiet import quiet_lines
 from teleop_rt_drivers.framed.signal import MeasuredSignal, Switch
 from teleop_rt_drivers.framed.stream import keep_arrivals
 from teleop_rt_drivers.framed.taking import (
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.drivetrain import Drivetrain
     from teleop_rt_drivers.framed.config import FramedPart
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
+    from teleop_rt_drivers.framed.quiet import QuietLines
     from teleop_rt_drivers.framed.source import FramedPort, Source
     from teleop_rt_drivers.framed.stream import Watched
 
@@ -82,6 +84,7 @@ class FramedAxis:
         self._bind(Sample())
         self._configured = False
         self._watching = False
+        self._lines: QuietLines | None = None
 
     def _make_position(self, ports: Mapping[str, FramedPort]) -> MeasuredSignal | None:
         if (config := self._config.position) is None:
@@ -149,6 +152,7 @@ class FramedAxis:
         self._complaint = ""
         self._missing = 0
         self._watching = False
+        self._lines = quiet_lines(self._ports)
         now_ns = self._now_ns()
         for signal in self._signals:
             signal.reset(now_ns)
@@ -201,9 +205,11 @@ class FramedAxis:
         """Take the frames that have arrived. Never raises."""
         if sample is not self._sample:
             self._bind(sample)
-        now_ns, wrong = self._now_ns(), False
+        now_ns, lines, wrong = self._now_ns(), self._lines, False
+        if lines is None or not lines.are_quiet(now_ns):
+            for port in self._ports:
+                port.drain(now_ns)
         for port in self._ports:
-            port.drain(now_ns)
             wrong |= port.fault is not NO_AXIS_FAULT
         if not self._watching:
             self._begin(now_ns)
@@ -281,7 +287,7 @@ class FramedAxis:
     def close(self) -> None:
         """Stop the drive and release the ports."""
         self.stop()
-        self._configured = False
+        self._configured, self._lines = False, None
         for port in self._ports:
             with contextlib.suppress(OSError):
                 port.close()

@@ -76,6 +76,11 @@ class SerialPort:
         """The open line, whose arrivals can be kept."""
         return [] if self.descriptor < 0 else [self]
 
+    @property
+    def only_listens(self) -> bool:
+        """Whether it is an open terminal on which a cycle has nothing to do unless bytes come."""
+        return self.is_terminal and self.descriptor >= 0 and not self._request
+
     def open(self) -> None:
         """Open the port, or reset the open one. Raises AxisError."""
         if self.fault is not NO_AXIS_FAULT:
