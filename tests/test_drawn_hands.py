@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from cases import cases
 
 from teleop_rt_dev.campaign import hands as campaign_hands
 
@@ -42,7 +43,7 @@ def test_tremor_on_a_wall_rendered_softer_is_no_oscillation():
     assert found["holds"], found
 
 
-@pytest.mark.parametrize("number", [540015, 540202])
+@pytest.mark.parametrize("number", cases(540015, 540202))
 def test_a_model_that_moves_the_surface_does_not_kick_the_hand(number):
     """The second judge found 7 swings of 1 to 2 mm in each, after a surface fell by 3 mm."""
     found = campaign_hands.run(number, 6.0)

@@ -74,8 +74,9 @@ def test_a_recording_cut_at_any_byte_is_recovered_up_to_its_last_whole_chunk(tmp
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     saved = []
     for length in range(len(data) + 1):
+        for path in (cut, whole):
+            path.unlink(missing_ok=True)  # to write over a file waits for the disk
         cut.write_bytes(data[:length])
-        whole.unlink(missing_ok=True)
         saved.append(recover(cut, whole))
         assert saved[-1] == 0 or stamps(whole) == list(range(saved[-1]))
     assert saved == sorted(saved)

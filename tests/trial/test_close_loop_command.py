@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import sys
+from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
 import yaml
 
+from teleop_rt.cli import main
 from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.offline import closing_command
 from teleop_rt.offline.closing_files import Files, close_over
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
@@ -18,6 +23,8 @@ from teleop_rt_dev.trial.files import TRIALS
 
 FOAM = TRIALS / "stiffening_foam.yaml"
 SURFACE = 0.010
+OF_THE_COMMAND = {"seconds", "phases", "finished_at"}
+"""Added to the answer by the command itself."""
 
 
 def measured(path, hertz, seed=1):
@@ -34,15 +41,24 @@ def measured(path, hertz, seed=1):
     return path
 
 
-def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
-    first = measured(tmp_path / "first.csv", 1.3)
-    other = measured(tmp_path / "other.csv", 1.0, seed=2)
-    out = tmp_path / "loop"
-    code, text, _ = call(
-        "close-loop", "--recording", first, "--test", other, "--out", out, "--json"
-    )
-    assert code == 0
-    answer = json.loads(text)
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    """Close the loop over two files with `--json`; returns its folder and the printed answer."""
+    place = tmp_path_factory.mktemp("measured")
+    first = measured(place / "first.csv", 1.3)
+    other = measured(place / "other.csv", 1.0, seed=2)
+    out = place / "loop"
+    words = ("close-loop", "--recording", first, "--test", other, "--out", out, "--json")
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as printed:
+        patch.setattr(sys, "argv", ["teleop-rt", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+    return out, json.loads(printed.getvalue())
+
+
+def test_measured_files_close_the_loop_without_moving_anything(closed):
+    out, answer = closed
     assert answer == json.loads((out / "loop.json").read_text())
     assert answer["class"][0] == ["nonlinear_stiffening"]
     for error in (answer["fresh"]["slave"]["free_run"], answer["fresh"]["slave"]["on_line"]):
@@ -63,9 +79,10 @@ def test_measured_files_close_the_loop_without_moving_anything(call, tmp_path):
 
 
 @pytest.mark.usefixtures("no_pages")
-def test_a_closed_loop_is_printed_with_its_effect_and_errors(call, tmp_path):
-    first = measured(tmp_path / "first.csv", 1.3)
-    other = measured(tmp_path / "other.csv", 1.0, seed=2)
+def test_a_closed_loop_is_printed_with_its_effect_and_errors(closed, call, tmp_path, monkeypatch):
+    first, other = (closed[0].parent / name for name in ("first.csv", "other.csv"))
+    found = {key: part for key, part in closed[1].items() if key not in OF_THE_COMMAND}
+    monkeypatch.setattr(closing_command, "close_recordings", lambda *_: (found, None))
     code, text, err = call(
         "close-loop", "--recording", first, "--test", other, "--out", tmp_path / "loop"
     )
