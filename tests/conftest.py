@@ -42,7 +42,9 @@ LONGEST = (
     *("master/test_closed_loop", "faults/test_every_row", "trial/test_any_hand"),
     *("study/test_studies", "drivers/test_actuator_handles", "test_schema", "study/test_chapter4"),
     *("slave/test_first_contact_with_slave", "master/test_hand_from_outside", "api/test_notebook"),
-    *("test_same_hand", "trial/test_breathing", "trial/test_exit_code"),
+    *("test_same_hand", "trial/test_breathing", "realtime/test_recording_bombs"),
+    *("master/test_rendered_effects", "offline/test_many_recordings", "service/test_daemon"),
+    *("drivers/test_actuators",),
     *("diagnosis/test_foreign", "diagnosis/test_confirmed_on_blocks", "diagnosis/test_diagnose"),
     *("diagnosis/test_not_noise", "diagnosis/test_noise", "diagnosis/test_linkage"),
     *("diagnosis/test_surface", "diagnosis/test_second", "diagnosis/test_steps"),
@@ -52,7 +54,7 @@ LONGEST = (
     *("diagnosis/test_reading", "diagnosis/test_report", "diagnosis/test_beginning"),
     *("diagnosis/test_relaxing", "diagnosis/test_work"),
 )
-"""Modules of 47 to 5 s of processor time, which begin first: no core then waits for one alone.
+"""Modules of 38 to 5 s of processor time, which begin first: no core then waits for one alone.
 
 The first diagnoses and the second does not: from an empty cache a diagnosis compiles for half a
 minute, and beside each other two would.
