@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.actuators.wire import Wire
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.stream import Watched
+    from teleop_rt_drivers.framed.written_frame import StoredAim
 
 DRIVE = "drive"
 OFF, FOLLOW, STOP = 0, 1, 2
@@ -176,6 +177,9 @@ class ActuatorPort:
         values[STATE] = DriveState.FAULT if self._failed else report.state
         self._counters["frames"] += 1
         self.sources[DRIVE].deliver(values, now_ns)
+
+    def target_sender(self, aim: StoredAim) -> None:
+        """Return None: an order may take several frames."""
 
     def send(self, command: str, values: Values) -> None:  # noqa: ARG002 - the port has but one
         """Send the frames of an order: a control value and a target [turn or rad, or Nm]."""

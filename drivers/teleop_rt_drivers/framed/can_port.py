@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import RawCanPart
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.stream import Watched
+    from teleop_rt_drivers.framed.written_frame import StoredAim
 
 LATE_STAMP_NS = 100_000
 """A frame may be stamped so long before it can be read, and so before the bus was last empty."""
@@ -194,6 +195,9 @@ class CanPort(CanEnd):
         self._counters["unexpected_id"] += 1
         if can_id in self._own:
             self.raise_fault(AxisFault.FOREIGN_MASTER)
+
+    def target_sender(self, aim: StoredAim) -> None:
+        """Return None: a message of a DBC takes `send`."""
 
     def send(self, command: str, values: Values) -> None:
         """Send a message of raw values without waiting; one that is not taken is counted."""

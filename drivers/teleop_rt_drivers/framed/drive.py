@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from teleop_rt.axis import sample_place
 from teleop_rt_drivers.drive_intent import ARMING, IDLE, POWERING, RUNNING, STOPPED
+from teleop_rt_drivers.framed.written_frame import new_aim
 from teleop_rt_drivers.quantity import Scale
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from teleop_rt.axis import Sample
     from teleop_rt_drivers.framed.drive_config import FramedDriveConfig
     from teleop_rt_drivers.framed.source import FramedPort, Source, Values
+    from teleop_rt_drivers.framed.written_frame import AimFields
 
 _ENABLED, _POSITION = sample_place("enabled"), sample_place("drive_position")
 _HAS_POSITION, _HAS_FORCE = map(sample_place, ("has_drive_position", "has_drive_force"))
@@ -64,7 +66,17 @@ class FramedDrive:
         self._target = 0.0
         self._aligned = True
         self._heard_ns = 0
+        self._aims = new_aim()
+        self._bind_sender()
         answer.listen(self._take)
+
+    def _bind_sender(self) -> None:
+        """Let the port send a target in one step, if it can, by the present scale."""
+        self._send_target = self._port.target_sender(self._aims)
+        aim, scale = cast("AimFields", self._aims[0]), self._target_scale
+        aim.target_slot, aim.control_slot = self._target_slot, self._control_slot
+        aim.follow = self._controls.follow
+        aim.per_count, aim.sign, aim.offset = scale.per_count, scale.sign, scale.offset
 
     def _take(self, values: Values, now_ns: int) -> None:
         actual = self._actual_scale.value(values[self._actual_slot])
@@ -129,13 +141,16 @@ class FramedDrive:
             self._target = position
         else:
             self._counters["bad_command"] += 1
-        self._send(self._controls.follow)
+        send = self._send_target
+        if send is None or not send(self._target):
+            self._send(self._controls.follow)
 
     def _align(self, position: float) -> None:
         """Take the position as that where the drive stands."""
         self._aligned = True
         moved = position - self._actual
         self._target_scale = self._target_scale.moved(moved)
+        self._aims["offset"] = self._target_scale.offset
         self._actual_scale = self._actual_scale.moved(moved)
         self._actual = position
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import SerialPortConfig
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.stream import ByteStream, Watched
+    from teleop_rt_drivers.framed.written_frame import StoredAim
 
 
 class SerialPort:
@@ -161,9 +162,32 @@ class SerialPort:
         sent = NO_WORD if writer is None else writer.send(values, self.descriptor)
         if writer is None or sent == NO_WORD:
             self._write(packer.pack(values))
-        elif sent < 0:
-            self.fault = AxisFault.UNPLUGGED
         elif sent < writer.size:
+            self._note_unsent(sent)
+
+    def target_sender(self, aim: StoredAim) -> Callable[[float], bool] | None:
+        """Return a sender of a drive's target in one step: see `FramedPort`."""
+        writer = None if self._packer is None else self._packer.writer
+        if writer is None:
+            return None
+        send_target, size = writer.target_sender(aim), writer.size
+
+        def send(target: float) -> bool:
+            if self.descriptor < 0 or self.fault is not NO_AXIS_FAULT:
+                return False
+            if (sent := send_target(target, self.descriptor)) < size:
+                if sent == NO_WORD:
+                    return False
+                self._note_unsent(sent)
+            return True
+
+        return send
+
+    def _note_unsent(self, sent: int) -> None:
+        """Note that a line took so few bytes of a frame; minus an error's number, it is gone."""
+        if sent < 0:
+            self.fault = AxisFault.UNPLUGGED
+        else:
             self._counters["send_failed"] += 1
 
     def close(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt_drivers.device_clock import Stored as Clocks
@@ -12,6 +12,9 @@ from teleop_rt_drivers.device_clock import new_clocks
 from teleop_rt_drivers.framed.stream import Watched
 from teleop_rt_drivers.framed.taking import StoredValue, new_values
 from teleop_rt_drivers.quantity import Scale
+
+if TYPE_CHECKING:
+    from teleop_rt_drivers.framed.written_frame import StoredAim
 
 Values = Sequence[float]
 Listener = Callable[[Values, int], None]
@@ -136,6 +139,12 @@ class FramedPort(Protocol):
 
     def send(self, command: str, values: Values) -> None:
         """Send a frame of raw values; counter and checksum are filled in."""
+
+    def target_sender(self, aim: StoredAim) -> Callable[[float], bool] | None:
+        """Return a sender of a target [rig unit] in one step, None where a frame needs more.
+
+        It returns False where the target is to be sent by `send`: nothing has been sent then.
+        """
 
     def close(self) -> None:
         """Release the port."""

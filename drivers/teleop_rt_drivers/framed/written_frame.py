@@ -7,13 +7,17 @@ import struct
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.kernels.jit import bound, kernel
+from teleop_rt.kernels.record import record_type
 from teleop_rt.realtime.system_calls import write_bytes
 from teleop_rt_drivers.framed.remainder import NONE, Bytes, StoredCheck, Table, check_of
 from teleop_rt_drivers.framed.whole_frame import FLOAT, SIGNED, SINGLE, UNSIGNED, described
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from teleop_rt_drivers.framed.format import BinaryFormat
     from teleop_rt_drivers.framed.source import Values
     from teleop_rt_drivers.framed.whole_frame import FrameFields, Frames, Numbers, Places, Whole
@@ -110,6 +114,52 @@ def send_frame(
     return write_bytes(descriptor, frame.place, frame.length)
 
 
+class AimFields:
+    """Fields of the way from a target [rig unit] into a command that asks to follow it.
+
+    The slots are those of target and control value among the raw values, `follow` is the latter,
+    and the rest is the target's `Scale`.
+    """
+
+    target_slot: int
+    control_slot: int
+    follow: float
+    per_count: float
+    sign: int
+    offset: float
+
+
+_AIM = record_type(AimFields)
+StoredAim = NDArray[np.record]
+
+
+def new_aim() -> StoredAim:
+    """Return zeroed fields (1,)."""
+    return np.zeros(1, _AIM)
+
+
+@kernel
+def send_target(
+    aims: StoredAim,
+    frames: Frames,
+    check: StoredCheck,
+    table: Table,
+    sync: Bytes,
+    end: Bytes,
+    places: Places,
+    next_count: Whole,
+    wanted: Numbers,
+    data: Bytes,
+    target: float,
+    descriptor: int,
+) -> int:
+    """Send the frame that asks to follow to a target, as `Scale.counts` has it, by `send_frame`."""
+    aim: Any = aims[0]
+    wanted[aim.control_slot] = aim.follow
+    wanted[aim.target_slot] = np.rint(aim.sign * (target - aim.offset) / aim.per_count)
+    return send_frame(frames, check, table, sync, end, places, next_count, wanted, data, descriptor)
+
+
 class FrameWriter:
     """Writes frames of one format; `next_count` (1,) is the count of the next one."""
 
@@ -117,7 +167,7 @@ class FrameWriter:
         wanted, data = np.zeros(len(format_.fields)), np.zeros(format_.size, np.uint8)
         self._fill = struct.Struct(f"{len(wanted)}d").pack_into
         self._wanted, self._data, self.size = wanted.data, data.data, format_.size
-        arrays = (*described(format_), next_count, wanted, data)
+        self._arrays = arrays = (*described(format_), next_count, wanted, data)
         cast("FrameFields", arrays[0][0]).place = data.ctypes.data
         self._write = bound(write_frame, arrays)
         self._send = bound(send_frame, arrays, 0)
@@ -126,6 +176,10 @@ class FrameWriter:
         """Return the frame of these raw values; None where a field has no word for one."""
         self._fill(self._wanted, 0, *values)
         return bytes(self._data) if self._write() else None
+
+    def target_sender(self, aim: StoredAim) -> Callable[[float, int], int]:
+        """Return the function that sends a target to a descriptor as `send_target` does."""
+        return bound(send_target, (aim, *self._arrays), 0.0, 0)
 
     def send(self, values: Values, descriptor: int) -> int:
         """Send the frame of these raw values as `send_frame` does."""
