@@ -189,6 +189,27 @@ def test_a_name_that_is_nearly_right_is_refused_with_the_one_that_is_meant(tmp_p
     assert found[0].endswith("(it is 'kelvin-voigd'): did you mean 'kelvin-voigt'?")
 
 
+KINDS = "must be a section with the key kind, one of: profile, recorded, hand, device"
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("estimation.models=[]", "must have at least 1 item (it is [])"),
+        ("link.accepted_rates_hz=[1,2,3]", "must have at most 2 items (it is [1, 2, 3])"),
+        ("name=", "must be text (it is empty)"),
+        ("name=a/b", "must consist of letters, digits, _ and - alone (it is 'a/b')"),
+        ("rig.name=''", "must not be empty: write at least 1 character"),
+        ("rig.realtime.awake=3", "must be true or false (it is 3)"),
+        ("operator.mean_m=[1,2]", "must be a number (it is [1, 2])"),
+        ("operator=3", f"{KINDS} (it is 3)"),
+    ],
+)
+def test_a_value_of_another_form_is_refused_in_plain_words(tmp_path, override, message):
+    [found] = problems_of(tmp_path, overrides=[override])
+    assert found == f"--set {override}: {override.partition('=')[0]}: {message}"
+
+
 def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path):
     [rig] = problems_of(tmp_path, trial=RIG)
     assert "trial.yaml: is a rig: name a trial, whose key `rig` names this file" in rig
@@ -265,6 +286,8 @@ def test_values_that_cannot_go_together_are_refused(tmp_path, override, message)
         ),
         ("estimation.solvers=[rls,rls]", "rls is listed twice"),
         ("estimation.regressions=[direct,direct]", "direct is listed twice"),
+        ("rig.unsafe_i_know=[watchdog,watchdog]", "watchdog is listed twice: list each once"),
+        ("rig.placeholders=[axis.port,axis.port]", "axis.port is listed twice"),
         ("link.host=999.1.1.1", "999.1.1.1 is no IPv4 address"),
         ("link.bind_host=10.0.1", "10.0.1 is no IPv4 address"),
         ("link.host=::1", "::1 is an IPv6 address or has a port, and the link uses IPv4 alone"),

@@ -13,6 +13,7 @@ from schema_checks import mutations, plain, properties, unbounded
 from teleop_rt.cli.schema import SchemaName, schema
 from teleop_rt.cli.schemas import as_text, schema_named
 from teleop_rt.config.loader import load_rig, load_trial
+from teleop_rt.config.value_words import PATTERNS
 from teleop_rt.config.yaml_file import ConfigError, read_yaml
 from teleop_rt_drivers import registry
 
@@ -25,7 +26,8 @@ MODELINE = re.compile(r"# yaml-language-server: \$schema=(\S+)")
 MUTATIONS_OF_A_FILE = 15
 BY_ONE_KEY = re.compile(
     r"is required and missing|there is no key|lacks its unit"
-    r"|must be (?:greater|less|a |an |text|'|\d)|should have at (least|most)|there is no '"
+    r"|must be (?:greater|less|a |an |text|true|'|\d)|must have at (?:least|most)|there is no '"
+    r"|must (?:not be empty|consist of)"
     r"|names no "
 )
 """The loader's rules for single keys, which JSON Schema can express; other rules join keys."""
@@ -53,6 +55,17 @@ def test_every_key_of_every_schema_has_a_description(name):
     assert len(found) > 5
     missing = [path for path, body in found.items() if not body.get("description")]
     assert missing == []
+
+
+def test_every_pattern_of_a_text_field_has_words():
+    of_numbers_and_bytes = {
+        "^0[xX][0-9A-Fa-f]+$",
+        r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$",
+        r"^\s*([0-9A-Fa-f]{2}\s*)*$",
+    }
+    text = "".join(as_text(name) for name in SchemaName)
+    found = {json.loads(one) for one in re.findall(r'"pattern": ("[^\n]*")', text)}
+    assert found - of_numbers_and_bytes == set(PATTERNS)
 
 
 OF_FILES = [SchemaName.TRIAL, SchemaName.RIG, SchemaName.FORMAT, SchemaName.COLUMNS]

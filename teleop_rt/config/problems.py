@@ -11,14 +11,12 @@ from pydantic_core import ErrorDetails
 
 from teleop_rt.config.contradictions import ContradictionError
 from teleop_rt.config.section import MissingUnit, Section, Units
+from teleop_rt.config.value_words import in_short, wrong_value
 from teleop_rt.config.yaml_file import ConfigProblem, Document, KeyPath
 
 _ONE = r"[num\u00b5]?(?:m|s|N|Nm|rad)|k(?:N|Nm|Hz|hz)|cm|deg|rev|min|hz|Hz|kg|in|lbf"
 _UNIT = re.compile(rf"(.+?)_((?:{_ONE})(?:_s)?(?:_per_(?:{_ONE}))?)")
 """A key that ends with a unit, also a foreign one: its name and that unit."""
-_DECIMAL_COMMA = re.compile(r"([-+]?\d+),(\d+)")
-_WITH_UNIT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)\s*[a-zA-Zµ°]\S*")
-_NUMBERS = {"float_type": "a number", "int_type": "a whole number"}
 
 _DOTTED = re.compile(r"[a-z_]+(?:\.[a-z_]+)+")
 """A key that a contradiction names in its sentence."""
@@ -90,7 +88,6 @@ def problem_of(
     """Describe a mistake in the words of the file: its own keys, bounds and allowed values."""
     location = _written_keys(document, (*path, *detail["loc"]), schema, len(path), units)
     name = ".".join(map(str, location)) or "this file"
-    message = detail["msg"].removeprefix("Value error, ")
     if isinstance(detail["input"], MissingUnit):
         message = f"the key lacks its unit: write {detail['input'].key}"
     elif detail["type"] == "extra_forbidden":
@@ -99,41 +96,26 @@ def problem_of(
         message = "is required and missing"
     elif detail["type"] in {"union_tag_invalid", "union_tag_not_found"}:
         message = _wrong_tag(schema, detail)
-    elif detail["type"] == "tuple_type":
-        message = f"must be a list (it is {_shown(detail['input'])})"
     elif detail["type"] in {"model_type", "model_attributes_type"}:
-        keys = ", ".join(_known_keys(schema, detail["loc"], units)) or "its own"
-        message = f"must be a section, with keys of {keys} (it is {_shown(detail['input'])})"
-    elif detail["type"] == "string_type" and isinstance(detail["input"], bool | int | float):
-        message = f"must be text (it is {_shown(detail['input'])}): put it in quotes"
-    elif detail["type"] in _NUMBERS:
-        message = _no_number(_NUMBERS[detail["type"]], detail["input"])
-    elif detail["type"] == "literal_error" and isinstance(detail["input"], str):
-        message = _wrong_name(detail["ctx"]["expected"], detail["input"])
-    elif not isinstance(detail["input"], dict):
-        message = (
-            f"{message.replace('Input should be', 'must be')} (it is {_shown(detail['input'])})"
-        )
+        message = _no_section(schema, detail, units)
+    else:
+        message = wrong_value(detail)
     kind = _kind_of_item(schema, detail["loc"])
     of_all = detail["type"] == "value_error"
     where = document.origin([location]) if of_all else document.place(location)
     return ConfigProblem(where, f"{name}{kind}: {message}")
 
 
-def _no_number(wanted: str, given: object) -> str:
-    """Say that a number is needed, and how a decimal comma is to be written."""
-    comma = _DECIMAL_COMMA.fullmatch(given) if isinstance(given, str) else None
-    hint = f": use a point for decimals, {comma[1]}.{comma[2]}" if comma else ""
-    if isinstance(given, str) and _WITH_UNIT.fullmatch(given):
-        hint = ": write the number alone, without its unit"
-    return f"must be {wanted} (it is {_shown(given)}){hint}"
-
-
-def _wrong_name(expected: str, given: str) -> str:
-    """Say which names there are, and the one that may have been meant."""
-    near = difflib.get_close_matches(given, re.findall(r"'([^']+)'", expected), n=1)
-    hint = f": did you mean {near[0]!r}?" if near else ""
-    return f"must be {expected} (it is {_shown(given)}){hint}"
+def _no_section(schema: type[Section], detail: ErrorDetails, units: Units | None) -> str:
+    """Say that a section is needed: of which kinds, or with which keys."""
+    given, sections = in_short(detail["input"]), _section_at(schema, detail["loc"])
+    for key in sections[0].model_fields if len(sections) > 1 else ():
+        kinds = [_discriminator(s, key) if key in s.model_fields else None for s in sections]
+        if None not in kinds:
+            one_of = ", ".join(map(str, kinds))
+            return f"must be a section with the key {key}, one of: {one_of} (it is {given})"
+    keys = ", ".join(_known_keys(schema, detail["loc"], units)) or "its own"
+    return f"must be a section, with keys of {keys} (it is {given})"
 
 
 def _wrong_tag(schema: type[Section], detail: ErrorDetails) -> str:
@@ -167,14 +149,6 @@ def _kind_of_item(schema: type[Section], loc: tuple[str | int, ...]) -> str:
 def _is_tag(sections: list[type[Section]], key: str | int) -> bool:
     """Return whether a key of a location is pydantic's tag for the member of a union."""
     return any(_discriminator(s, name) == key for s in sections for name in s.model_fields)
-
-
-def _shown(value: object) -> str:
-    try:
-        text = repr(value)
-    except ValueError:  # a whole number of more digits than Python writes down
-        return "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _section_at(schema: type[Section], loc: Sequence[str | int]) -> list[type[Section]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, SerializeAsAny, model_validator
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from teleop_rt.config.device import DeviceBody
 from teleop_rt.config.realtime import RealtimeConfig, RecordingConfig
@@ -17,6 +17,7 @@ from teleop_rt.config.section import (
     Section,
     Units,
     Velocity,
+    each_once,
 )
 from teleop_rt.config.supervision import SupervisionConfig, UnsafeWord
 
@@ -226,6 +227,8 @@ class RigConfig(Section):
     axis: SerializeAsAny[AxisConfig] = Field(
         description="Driver and devices: how encoder, force sensor and drive are reached."
     )
+
+    _once = field_validator("unsafe_i_know", "placeholders")(each_once)
 
     @model_validator(mode="after")
     def _homes_within_limits(self) -> RigConfig:

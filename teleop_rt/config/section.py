@@ -162,6 +162,14 @@ class Section(BaseModel):
         return renamed
 
 
+def each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names of a list, of which none may stand twice. Raises ValueError."""
+    twice = [name for place, name in enumerate(names) if name in names[:place]]
+    if twice:
+        raise ValueError(f"{twice[0]} is listed twice: list each once")
+    return names
+
+
 def _numbers_in(value: object) -> Iterator[float]:
     """Yield the numbers of a field, also those in its lists and mappings."""
     if isinstance(value, float):

@@ -17,7 +17,7 @@ from teleop_rt.config.link import LinkConfig
 from teleop_rt.config.master import CouplingConfig, MasterConfig, Mode
 from teleop_rt.config.operator import OperatorConfig
 from teleop_rt.config.rig import RigConfig
-from teleop_rt.config.section import Force, Section, Velocity
+from teleop_rt.config.section import Force, Section, Velocity, each_once
 from teleop_rt.ids import RegressionId, SolverId
 
 ModelId = Literal[
@@ -138,13 +138,7 @@ class EstimationConfig(Section):
         ),
     )
 
-    @field_validator("models", "regressions", "solvers")
-    @classmethod
-    def _each_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        twice = [name for place, name in enumerate(names) if name in names[:place]]
-        if twice:
-            raise ValueError(f"{twice[0]} is listed twice: list each once")
-        return names
+    _once = field_validator("models", "regressions", "solvers")(each_once)
 
 
 class SlaveConfig(Section):

@@ -243,10 +243,19 @@ FORMAT = Path(str(load_format.__code__.co_filename)).parents[1] / "formats" / "c
         ('sync: "55"', 'sync: "5G"', r":4: sync: write bytes as hexadecimal"),
         ("type: i16, divisor: 100,", "type: i20, divisor: 100,", r":8: fields.0.type: "),
         ("divisor: 100,", "divisor: 0,", r":8: fields.0: scale and divisor must not be 0"),
-        ("divisor: 100,", "divider: 100,", r":8: fields.0.divider: Extra inputs"),
+        (
+            "divisor: 100,",
+            "divider: 100,",
+            r":8: fields.0.divider: unknown key; did you",
+        ),
         ("kind: sum8", "kind: sum9", r":10: checksum.kind: "),
         ("kind: sum8", "kind: sum8, span: [1, 9]", "span must lie within bytes 0 to 5"),
-        ("name: mz", "name: fz", "field names must differ"),
+        (
+            "name: mz",
+            "name: fz",
+            r":7: fields: two fields are named 'fz': give each",
+        ),
+        ("name: mz", "name: 5", r"name: must be text \(it is 5\): put it in quotes"),
     ],
 )
 def test_a_wrong_format_is_refused_with_line_and_key(tmp_path, old, new, said):
@@ -255,6 +264,13 @@ def test_a_wrong_format_is_refused_with_line_and_key(tmp_path, old, new, said):
     path = tmp_path / "mine.yaml"
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(AxisError, match=said):
+        load_format(str(path))
+
+
+def test_a_line_with_two_fields_of_one_name_is_refused(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("kind: text\npattern: (?P<a>.*)\nfields: [{name: a}, {name: a, scale: 2}]\n")
+    with pytest.raises(AxisError, match=r":3: fields: two fields are named 'a': give each a name"):
         load_format(str(path))
 
 

@@ -5,11 +5,19 @@ from __future__ import annotations
 import re
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationError, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    ValidationError,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from teleop_rt.axis import AxisError
+from teleop_rt.config.problems import problem_of
 from teleop_rt.config.section import AnySize, Section
 from teleop_rt.config.yaml_file import ConfigError, read_yaml
 from teleop_rt_drivers.framed.checksum import ChecksumKind, checksum
@@ -44,11 +52,23 @@ def _is_hex(text: str) -> str:
     return text
 
 
+def _named_once(fields: tuple[AnyField, ...]) -> tuple[AnyField, ...]:
+    """Return fields, of which no two may have one name. Raises ValueError."""
+    names = [field.name for field in fields]
+    twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
+    if twice is not None:
+        raise ValueError(f"two fields are named {twice!r}: give each a name of its own")
+    return fields
+
+
 HexBytes = Annotated[
     str,
     AfterValidator(_is_hex),
     WithJsonSchema({"type": "string", "pattern": r"^\s*([0-9A-Fa-f]{2}\s*)*$"}),
 ]
+
+
+AnyField = TypeVar("AnyField", "BinaryField", "TextField")
 
 
 class BinaryField(Section):
@@ -133,6 +153,8 @@ class BinaryFormat(Section):
         ),
     )
 
+    _once = field_validator("fields")(_named_once)
+
     @property
     def layout(self) -> str:
         """Return the struct format of sync, fields and checksum."""
@@ -153,9 +175,6 @@ class BinaryFormat(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> BinaryFormat:
-        names = [field.name for field in self.fields]
-        if len(set(names)) != len(names):
-            raise ValueError("field names must differ")
         counting = [field.name for field in self.fields if field.type[0] == "u"]
         if self.counter is not None and self.counter not in counting:
             raise ValueError("counter must name an unsigned field")
@@ -204,6 +223,8 @@ class TextFormat(Section):
         description="Longest line that is accepted, in bytes; a longer one is dropped.",
     )
 
+    _once = field_validator("fields")(_named_once)
+
     @model_validator(mode="after")
     def _groups(self) -> TextFormat:
         try:
@@ -241,9 +262,6 @@ def load_format(name: str) -> Format:
     try:
         return _KINDS[kind].model_validate(document.data)
     except ValidationError as error:
-        problems = [
-            f"{document.place(detail['loc'])}: {'.'.join(map(str, detail['loc'])) or 'format'}: "
-            f"{detail['msg'].removeprefix('Value error, ')}"
-            for detail in error.errors()
-        ]
+        schema = _KINDS[kind]
+        problems = [str(problem_of(schema, document, (), None, d)) for d in error.errors()]
         raise AxisError("\n".join(problems)) from None
