@@ -1,4 +1,4 @@
-"""How far apart two forces are: normalised error, and lag with sub-sample resolution."""
+"""How far apart two forces are: normalised error, also in percent, and lag below a sample."""
 
 from __future__ import annotations
 
@@ -26,6 +26,11 @@ def nrmse(measured: Signal, predicted: Signal) -> float | None:
     if span <= 0.0:
         return None
     return float(np.sqrt(np.mean((reference - predicted[whole]) ** 2)) / span)
+
+
+def in_percent(share: float, digits: int = 2) -> str:
+    """Return a share in percent, as a plain number of so many digits: 120 %, not 1.2e+02 %."""
+    return f"{float(f'{100.0 * share:.{digits}g}'):g} %"
 
 
 def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float) -> float | None:

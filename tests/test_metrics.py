@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from teleop_rt.metrics import lag_s, nrmse
+from teleop_rt.metrics import in_percent, lag_s, nrmse
 
 
 def contact_force(t):
@@ -41,3 +41,11 @@ def test_nrmse_is_equation_4_1():
     predicted = np.array([1.0, 9.0, 6.0, 100.0])
     assert nrmse(measured, predicted) == pytest.approx(0.1)
     assert nrmse(np.ones(5), np.zeros(5)) is None
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(1.2, "120 %"), (0.999, "100 %"), (12.34, "1200 %"), (0.00123, "0.12 %")]
+)
+def test_a_share_in_percent_is_a_plain_number(share, said):
+    assert in_percent(share) == said
+    assert in_percent(-share) == f"-{said}"

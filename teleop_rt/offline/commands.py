@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from teleop_rt.batch.workers import Workers
 from teleop_rt.estimation.report import best_first
+from teleop_rt.metrics import in_percent
 from teleop_rt.offline.find import names_one
 from teleop_rt.offline.many import each
 from teleop_rt.offline.replay import Choice
@@ -24,6 +25,8 @@ from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.style import effect_in_words, parameter
 
 _ORDER = "; estimators: selected on-line (*), then identified, then the others, each by NRMSE"
+_SAID_OF_PREDICTOR = "the errors are those of the set that predicts best: "
+"""Beginning of a note that the line on the errors says already."""
 _SHOWN_ROWS = 5
 """Estimators that a replay prints: as many as fit a screen with their parameters."""
 
@@ -62,7 +65,7 @@ def diagnose(
     work = Diagnosing(base, surface, table, test, effects, out, several=several)
     if out is not None:
         report_missing_page()
-    each(work, recordings, workers, out, _print_diagnosis, as_json=as_json)
+    each(work, recordings, workers, out, print_diagnosis, as_json=as_json)
 
 
 def print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> None:
@@ -102,8 +105,8 @@ def _evidence(effect: Mapping[str, Any], probability: Mapping[str, float]) -> st
     """Return probability and share of an effect as a sentence; empty for outliers."""
     if (chance := probability.get(effect["name"])) is None:
         return ""
-    share = 100.0 * effect["explains"]
-    return f" Probability {chance:.2f}; explains {share:.3g} % of the base's residual."
+    share = in_percent(effect["explains"], 3)
+    return f" Probability {chance:.2f}; explains {share} of the base's residual."
 
 
 def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
@@ -120,7 +123,8 @@ def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
     )
 
 
-def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
+def print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
+    """Print the answer of a diagnosis: names, errors, the next experiment and notes."""
     say = functools.partial(console.print, highlight=False, soft_wrap=True)
     verdict = answer["verdict"].replace("_", " ")
     console.print(f"[bold]{escape(answer['recording'])}[/bold]: {verdict}", soft_wrap=True)
@@ -140,7 +144,7 @@ def _print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         samples, count = _counted(gaps["samples"], "sample"), _counted(gaps["count"], "gap")
         say(f"  {samples} missing in {count}")
     for note in answer["notes"]:
-        if note not in doubts:
+        if note not in doubts and not note.startswith(_SAID_OF_PREDICTOR):
             say(f"  note: {note}")
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
         say(
@@ -163,7 +167,7 @@ def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
         best = (
             "no set predicts better than the base; the nearest" if worse else "predicts best with"
         )
-        say(f"  {best}: {' + '.join(answer['predictor'])}")
+        say(f"  {best}: {' + '.join(answer['predictor'])}; these are its errors")
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
     say(f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}")
     if (nearest := answer["nearest"]) is not None:

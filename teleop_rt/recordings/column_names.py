@@ -53,6 +53,12 @@ def _fitting(own: Mapping[str, str], role: str) -> list[str]:
     return [name for name in known if len(plain[name]) > 1 or own[name] != plain[name]] or known
 
 
+def is_plain(name: str, role: str) -> bool:
+    """Return whether a column has a name of the role's own quantity, and not of a sensor of it."""
+    word = without_units(_NUMBERED.sub("", name), role)[0]
+    return (word if len(word) == 1 else word.lower().replace(" ", "_")) in _NAMES.get(role, ())
+
+
 def without_units(name: str, role: str) -> tuple[str, list[str]]:
     """Return a name without the units that it ends with, the last first, and these units.
 

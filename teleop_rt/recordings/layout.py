@@ -18,12 +18,16 @@ from teleop_rt.recordings.column_names import (
     NEEDED,
     columns_named,
     foreign_unit,
+    is_plain,
     may_be,
     without_each_unit,
     without_units,
 )
 from teleop_rt.recordings.columns_file import ColumnsFile, load_columns
 from teleop_rt.recordings.units import ANGLES, FOREIGN, UNITS, factor_of
+
+_ASSUMED = {"time": "s", "force": "N", "velocity": "m/s"}
+"""Units of a role's column where none is given; m for all others."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +106,27 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
         role: _in_full(path, table, role, names[0]) for role, names in named.items() if names
     }
     _compare_units(path, columns, layout.units)
-    return {
+    found = {
         role: _column(path, table, role, name, layout.units.get(role))
         for role, name in columns.items()
     }
+    by_sensor = any(
+        role not in layout.columns and not is_plain(column, role)
+        for role, column in columns.items()
+    )
+    if by_sensor or not all(column.stated for column in found.values()):
+        _print_read(path, columns, layout.units)
+    return found
+
+
+def _print_read(path: Path, columns: Mapping[str, str], stated: Mapping[str, str | float]) -> None:
+    """Print which column is read for which role, and in which unit, where one is a guess."""
+    read = []
+    for role, name in columns.items():
+        units = [stated[role]] if role in stated else without_units(name, role)[1]
+        unit = units[0] if units else f"{_ASSUMED.get(role, 'm')}, as none is given"
+        read.append(f"{role} = {name.removesuffix(f' [{unit}]')} [{unit}]")
+    print(f"{path}: read: {', '.join(read)}", file=sys.stderr)
 
 
 def _refuse_unclear(

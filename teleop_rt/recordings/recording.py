@@ -20,6 +20,7 @@ from teleop_rt.recordings.table_files import read_table
 from teleop_rt.recordings.usable import (
     WITHOUT_TIMES,
     period_of,
+    refuse_jump,
     refuse_mark,
     refuse_nothing_to_learn,
     refuse_other_lengths,
@@ -106,11 +107,13 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     columns = {role: column[fresh] for role, column in columns.items()}
     for role in ("position", "force"):
         refuse_mark(path.name, role, columns[role], found[role].factor)
+    units = ("rad", "Nm") if position.rotary else ("m", "N")
+    refuse_jump(path.name, units[0], columns["time"], columns["position"])
     columns["force"] = without_lag(columns["time"], columns["force"], layout.force_lag_s)
     made = from_columns(
         path.name,
         columns,
-        units=("rad", "Nm") if position.rotary else ("m", "N"),
+        units=units,
         surface=_surface(found, layout),
         slowest_hz=_SLOWEST_STATED_HZ if stated else _SLOWEST_HZ,
     )

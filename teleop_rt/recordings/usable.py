@@ -23,6 +23,8 @@ _JOINED = 50  # samples behind the latest time for each step backwards: more are
 _MARKED, _MARK_RANGES = 3, 20.0
 """Samples that share a mark for missing values, and its distance in ranges of all others: what
 moves or presses is in between, also where a converter cuts it off."""
+_JUMP, _MOVES = 10.0, 10.0
+"""A jump is so many of the largest step elsewhere, and each side of it moves so many of these."""
 _MOST_GRID_SHARE, _MOST_GRID = 10, 1_000_000
 """An even grid has at most so many points for each sample, and so many more: gaps are few."""
 
@@ -80,6 +82,33 @@ def refuse_mark(name: str, role: str, row: Vector, factor: float) -> None:
             f" {times:g} times the largest of the rest: if it marks missing values, remove"
             " these cells: empty ones count as missing"
         )
+
+
+def refuse_jump(name: str, unit: str, time: Vector, position: Vector) -> None:
+    """Raise RecordingError where the position leaps once between two motions, as no tool can.
+
+    Single bad counts return, so they leap twice; a tool that is moved by one step rests before it;
+    and the way that is gone while samples are missing is no leap.
+    """
+    known = _of_sense(time) & _of_sense(position)
+    t, x = time[known], position[known]
+    if x.size < MIN_SAMPLES or np.any(np.diff(t) <= 0.0):  # which are refused for themselves
+        return
+    steps = np.abs(np.diff(x))
+    place = int(np.argmax(steps))
+    jump = float(steps[place])
+    steps[place] = 0.0
+    largest = float(np.max(steps))
+    if largest <= 0.0 or jump < _JUMP * largest:
+        return
+    gap = t[place + 1] - t[place] > 1.5 * np.median(np.diff(t))
+    if gap or min(np.ptp(x[: place + 1]), np.ptp(x[place + 1 :])) < _MOVES * largest:
+        return
+    raise RecordingError(
+        f"{name}: the position jumps by {jump:.3g} {unit} at t = {t[place + 1]:.6g} s (sample"
+        f" {place + 2}), {jump / largest:.0f} times its largest step elsewhere, as where two"
+        " recordings are in one file: cut it there"
+    )
 
 
 def _listed(counts: Mapping[str, int]) -> str:

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from teleop_rt.config.section import Units
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
+from teleop_rt.metrics import in_percent
 from teleop_rt.trial.grades import (
     GRADE_COLOURS,
     MARKS,
@@ -92,7 +93,7 @@ def _model(summary: Mapping[str, Any]) -> str:
         return f"none selected: {summary['contact'].get('reason', 'no contact')}"
     error, said = selected_nrmse(summary), _adequacy(summary["adequacy"])
     if error is not None and of_error(error) != "good":
-        return f"{said}; misses the force by {100 * error:.2g} % of its range"
+        return f"{said}; misses the force by {in_percent(error)} of its range"
     return said
 
 

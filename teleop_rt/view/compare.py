@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.metrics import in_percent
 from teleop_rt.trial.felt_force import read_truth
 from teleop_rt.trial.grades import Grade, grades, lost_share, of_error, selected_nrmse, worst
 from teleop_rt.view.charts import Chart, Curve, Panel, robust_limits, settled_limits
@@ -84,7 +85,7 @@ def _against(own: _Raw, first: _Raw | None) -> Figure:
 def _percent(ratio: float) -> str:
     """Return a ratio as a percentage where it is small, else as a factor."""
     if 0.5 < ratio < 2.0:
-        return f"{100.0 * (ratio - 1.0):+.2g} %"
+        return f"{'+' if ratio > 1.0 else ''}{in_percent(ratio - 1.0)}"
     return f"× {ratio:.2g}" if abs(ratio) < 99.5 else f"× {ratio:.0f}"
 
 
@@ -153,7 +154,7 @@ def _ended(safety: Mapping[str, Any]) -> str:
 
 
 def _share(value: float | None, grade: Grade, *, ratio: bool = True) -> _Raw:
-    text = "–" if value is None else f"{100.0 * value:.2g} %"
+    text = "–" if value is None else in_percent(value)
     return _Raw(text, value, grade, ratio, less_is_better=True)
 
 

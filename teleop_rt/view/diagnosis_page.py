@@ -12,6 +12,7 @@ from typing import Any
 
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.residuals import Residuals
+from teleop_rt.metrics import in_percent
 from teleop_rt.view import style
 from teleop_rt.view.html import Tile, figures_of, render
 from teleop_rt.view.plots import svg
@@ -139,7 +140,7 @@ def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
     for entry in answer["effects"]:
         figures = tuple(_in_words(name, p) for name, p in entry["parameters"].items())
         if entry["explains"] is not None:
-            figures += (f"explains {100.0 * entry['explains']:.3g} % of the base's residual",)
+            figures += (f"explains {in_percent(entry['explains'], 3)} of the base's residual",)
         if (chance := answer["probability"].get(entry["name"])) is not None:
             figures += (f"probability {chance:.2f}",)
         title = "Effect" if answer["verdict"] != "class" else "First of the class"
@@ -147,7 +148,7 @@ def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
 
 
 def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100.0 * value:.2g} %"
+    return "–" if value is None else in_percent(value)
 
 
 def _in_words(name: str, content: dict[str, Any]) -> str:

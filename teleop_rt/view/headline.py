@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
+from teleop_rt.metrics import in_percent
 from teleop_rt.trial.grades import Grade, grades, lost_share, selected_nrmse, worst
 from teleop_rt.trial.late import on_hardware, stalls
 from teleop_rt.view.delay import Delays
@@ -71,7 +72,7 @@ def _felt(run: Run, grade: Grade) -> Tile:
         phantom = with_unit(met["phantom_force"], run.units.force, 3)
         at_most = f"at most {phantom} where nothing is, at {met['phantom_s']:.1f} s"
         lines.append(at_most if met["phantom_force"] > 0.0 else "nothing felt where nothing is")
-    return Tile("Force under the hand", grade, f"{100 * nrmse:.2g} % error", tuple(lines))
+    return Tile("Force under the hand", grade, f"{in_percent(nrmse)} error", tuple(lines))
 
 
 def _lag(lag_ms: float | None) -> str:
@@ -89,7 +90,7 @@ def _model(run: Run, grade: Grade) -> Tile:
         return Tile("Model", "attention", "none selected", (reason,))
     lines = tuple(parameter(name, content) for name, content in chosen["parameters"].items())
     if (nrmse := selected_nrmse(summary)) is not None:
-        lines += (f"misses the force by {100 * nrmse:.2g} % of its range",)
+        lines += (f"misses the force by {in_percent(nrmse)} of its range",)
     met = summary["contact"].get("worst")
     if met is not None and met["surface_error"] is not None:
         error = small_position(met["surface_error"], run.units.position)
@@ -151,7 +152,7 @@ def _link(link: Mapping[str, Any], delays: Delays | None, grade: Grade) -> Tile:
         lines.append(f"one way {one_way} (median), jitter {jitter}")
     share = lost_share(link)
     if share is not None:
-        lines.append(f"{100 * share:.2g} % lost, {link.get('refused', link['rejected'])} refused")
+        lines.append(f"{in_percent(share)} lost, {link.get('refused', link['rejected'])} refused")
     value = with_unit(link["round_trip_ms"], "ms")
     if link.get("trouble"):
         return Tile("Link", grade, "trouble", (link["trouble"], *lines))

@@ -11,6 +11,7 @@ import numpy as np
 
 from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.errors import RecordingError
+from teleop_rt.metrics import in_percent
 from teleop_rt.trial.folder import RECORDING
 from teleop_rt.trial.grades import Grade, of_error
 from teleop_rt.trial.summary_file import read_summary
@@ -123,7 +124,7 @@ def _change(before: float | None, after: float | None) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100.0 * value:.2g} %"
+    return "–" if value is None else in_percent(value)
 
 
 def _effect(one: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.metrics import in_percent
 from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
 from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_safety, worst
 from teleop_rt.trial.summary_file import read_summary
@@ -98,7 +99,7 @@ def print_runs(console: Console, runs: Iterable[Listed]) -> None:
     for heading in ("", "began", "trial", "ended", "model", "parameters", "felt error", "folder"):
         table.add_column(heading, overflow="fold")  # a cut name names nothing
     for run in runs:
-        felt = "–" if run.felt_nrmse is None else f"{100.0 * run.felt_nrmse:.2g} %"
+        felt = "–" if run.felt_nrmse is None else in_percent(run.felt_nrmse)
         table.add_row(
             f"[{GRADE_COLOURS[run.grade]}]{MARKS[run.grade]}[/]",
             (run.began_at or "–")[:16].replace("T", " "),

@@ -17,8 +17,10 @@ X = 12.0 - 8.0 * np.cos(6.0 * T)
 FORCE = np.where(X > 10.0, 2.0 * (X - 10.0), 0.0)
 
 
-def table(path: Path, *, time: np.ndarray = T, force: np.ndarray = FORCE) -> Path:
-    rows = np.column_stack([time, X, force])
+def table(
+    path: Path, *, time: np.ndarray = T, position: np.ndarray = X, force: np.ndarray = FORCE
+) -> Path:
+    rows = np.column_stack([time, position, force])
     np.savetxt(path, rows, delimiter=",", header="t_s,x_mm,F_N", comments="", fmt="%.9g")
     return path
 
@@ -69,6 +71,57 @@ def test_a_mark_for_missing_values_is_pointed_at(tmp_path: Path, role: str, mark
     rows[name][700:800] = np.nan
     np.savez(path, **rows)
     assert load(path).missing == 100
+
+
+def test_the_columns_are_printed_where_a_name_or_a_unit_is_a_guess(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv")
+    load(path)
+    assert capsys.readouterr().err == ""
+    text = path.read_text()
+    for names, read in (
+        (
+            "time,x_mm,F_N",
+            "time = time [s, as none is given], position = x_mm [mm], force = F_N [N]",
+        ),
+        ("Zeit [s],x_mm,F_N", "time = Zeit [s], position = x_mm [mm], force = F_N [N]"),
+        ("t_s,disp_mm,load_g", "time = t_s [s], position = disp_mm [mm], force = load_g [g]"),
+    ):
+        path.write_text(text.replace("t_s,x_mm,F_N", names))
+        load(path)
+        assert capsys.readouterr().err == f"{path}: read: {read}\n"
+
+
+JOIN = 1500
+
+
+def test_two_recordings_that_were_joined_are_refused_with_the_time_to_cut(tmp_path: Path) -> None:
+    moved = X + np.where(np.arange(X.size) < JOIN, 0.0, 4.0)
+    with pytest.raises(RecordingError, match=r"position jumps by 0.004\d* m at t = 1.5 s .*cut it"):
+        load(table(tmp_path / "a.csv", position=moved))
+    again = np.where(np.arange(T.size) < JOIN, T, T - T[JOIN])
+    with pytest.raises(RecordingError, match=r"time does not increase .*two recordings in one"):
+        load(table(tmp_path / "a.csv", time=again, position=moved))
+
+
+@pytest.mark.parametrize("kind", ["bad counts", "gap", "step", "begun"])
+def test_counts_that_return_gaps_and_steps_of_a_tool_at_rest_are_no_joined_recordings(
+    tmp_path: Path, kind: str
+) -> None:
+    position, kept = X.copy(), np.ones(X.size, dtype=bool)
+    late = np.arange(X.size) >= JOIN
+    if kind == "bad counts":
+        position[JOIN : JOIN + 7] += 40.0
+    elif kind == "gap":
+        position[late] += 4.0
+        kept[JOIN - 50 : JOIN] = False
+    else:
+        noise = np.random.default_rng(2).normal(0.0, 0.002, X.size)
+        position = np.where(late, 4.0 + (X if kind == "begun" else 0.0), 0.0) + noise
+    file = tmp_path / "a.npz"
+    np.savez(file, t_s=T[kept], x_mm=position[kept], F_N=FORCE[kept])
+    assert load(file).name == "a.npz"
 
 
 def test_a_force_that_is_cut_at_its_range_is_no_mark_for_missing_values(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
 from teleop_rt.master.engagement import LinkState
+from teleop_rt.metrics import in_percent
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
 from teleop_rt.trial.grades import Grade, of_link, of_loop
 from teleop_rt.view.delay import one_way_delays
@@ -163,7 +164,7 @@ def _troubles(slave: Columns, master: Columns) -> str:
     """Return a text of all troubles and refused packets so far; empty without any."""
     words = []
     if lost := _last(master, "packets_lost"):
-        words.append(f"{100 * lost / (lost + _last(master, 'packets_received')):.2g} % lost")
+        words.append(f"{in_percent(lost / (lost + _last(master, 'packets_received')))} lost")
     refused = _last(slave, "packets_rejected") + _last(master, "packets_rejected")
     counts = [(refused, "packet refused", "packets refused")]
     counts += [(_last(master, name), one, many) for name, one, many in _COUNTS]
