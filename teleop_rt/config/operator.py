@@ -111,6 +111,14 @@ class HandOperator(Section):
         ),
     )
     damping: Damping = Field(ge=0, description="Damping of the hand against its intention.")
+    force_max: Force = Field(
+        400.0,
+        gt=0,
+        description=(
+            "Largest force with which the hand follows its intention, without its tremor; adults"
+            " pull with up to 400 N and push with up to 250 N. On a rotary device it is a torque."
+        ),
+    )
     tremor: Force = Field(
         0.0, ge=0, description="Standard deviation of the tremor's force; 0 for none."
     )

@@ -32,6 +32,10 @@ class Wish(NamedTuple):
 class Hand:
     """m ẍ = K_h (x_i - x) + B_h (ẋ_i - ẋ) - f + tremor, f held over a period.
 
+    Spring and damper together give no more than `force_max`: however far an intention runs away,
+    an adult pulls with 400 N and pushes with 250 N at most (B. Das and Y. Wang 2004, Int. J.
+    Occupational Safety and Ergonomics 10(1), 43-58).
+
     The intention x_i is the profile's, or another operator's if one is given, which feels the
     force one reaction time late. Tremor is noise through a resonance of quality 5 at `tremor_hz`.
     At each change of grip K_h and B_h move to another share of their mean, with a time constant
@@ -95,8 +99,12 @@ class Hand:
         start = wish.goal - wish.rate * wish.elapsed_s
         for step in range(1, _SUBSTEPS + 1):
             goal = start + wish.rate * dt_s * step
-            force = stiffness * (goal - self._position) + wish.tremor - felt_force
-            force += damping * (wish.rate - self._velocity)
+            spring = stiffness * (goal - self._position)
+            damper = damping * (wish.rate - self._velocity)
+            if abs(spring + damper) > self._config.force_max:
+                spring, damper = math.copysign(self._config.force_max, spring + damper), 0.0
+            force = spring + wish.tremor - felt_force
+            force += damper
             self._velocity += force / self._config.mass * dt_s
             self._position += self._velocity * dt_s
 

@@ -18,6 +18,7 @@ from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.realtime.reading import read_topics
+from teleop_rt.signals import HANDLE_TRUTH, columns
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt.trial.summary import summarise
@@ -125,6 +126,16 @@ def test_a_hand_that_nobody_asked_for_long_is_where_it_would_be_anyway():
     forgotten.plant.advance(forgotten.now)
     assert forgotten.plant.position == pytest.approx(asked.plant.position, abs=1e-4)
     assert abs(forgotten.plant.position) < 0.2
+
+
+@BOTH
+def test_a_hand_whose_device_is_off_pulls_with_no_more_than_an_adult_can(handle):
+    handle.plant.power_off()
+    end_ns = handle.now + 60_000 * MS
+    handle.plant.advance(end_ns)
+    column = columns(HANDLE_TRUTH)["hand_force"]
+    assert handle.plant.position < 0.3
+    assert handle.plant.truth_row[column] == pytest.approx(400.0, rel=0.01)
 
 
 @BOTH

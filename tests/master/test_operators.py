@@ -199,3 +199,17 @@ def test_the_measured_masters_motion_can_be_played() -> None:
 def test_a_trials_operator_is_built(config, kind: type) -> None:
     operator = make_operator(config, folder=Path(), period_s=T, rng=np.random.default_rng(1))
     assert isinstance(operator, kind)
+
+
+def test_a_hand_pulls_with_no_more_than_an_adult_can_and_else_as_before() -> None:
+    calm = HAND.model_copy(update={"tremor": 0.0, "grip_change": 0.0, "force_max": 40.0})
+    free = calm.model_copy(update={"force_max": 400.0})
+    hands = [Hand(config, T, np.random.default_rng(1)) for config in (calm, free)]
+    held = [[hand.update(tick * T, 0.0) for tick in range(100)] for hand in hands]
+    assert held[0] == held[1]
+    for hand in hands:  # against 60 N, of which the first cannot give more than 40
+        for tick in range(100, 1100):
+            hand.update(tick * T, 60.0)
+    velocity = [hand.update(1.1, 60.0)[1] for hand in hands]
+    assert velocity[0] < -20.0
+    assert abs(velocity[1]) < 0.5

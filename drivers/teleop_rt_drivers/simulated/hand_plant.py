@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt.config.device import DeviceBody
-    from teleop_rt.config.operator import DeviceOperator
+    from teleop_rt.config.operator import DeviceOperator, HandOperator
     from teleop_rt_drivers.simulated.motion import Vector
     from teleop_rt_drivers.transport import TransportTimes
 
@@ -63,7 +63,7 @@ class HandPlant(Plant):
         self._hand = Hand(hand, rig.period_ns * 1e-9, np.random.default_rng(seed))
         self._handle = np.zeros(handle_motion.STATES)
         self._handle[[handle_motion.POSITION, handle_motion.HAND]] = hand.intention.start
-        self._handle_constants = _constants(body, hand.mass, hand.stiffness, hand.damping)
+        self._handle_constants = _constants(body, hand)
         self.sample_age_ns = round(1e9 * transport.hidden_age_s + 1e6 * body.position_latency_ms)
         self.command_delay_ns = round(1e9 * transport.hidden_delay_s + 1e6 * body.force_latency_ms)
         self._pending: deque[tuple[int, float]] = deque()
@@ -208,7 +208,7 @@ class HandPlant(Plant):
         }
 
 
-def _constants(body: DeviceBody, mass: float, stiffness: float, damping: float) -> Vector:
+def _constants(body: DeviceBody, hand: HandOperator) -> Vector:
     """Return the constants of the kernel."""
     constants = np.zeros(handle_motion.CONSTANTS)
     constants[handle_motion.MASS], constants[handle_motion.DAMPING] = body.mass, body.damping
@@ -218,6 +218,8 @@ def _constants(body: DeviceBody, mass: float, stiffness: float, damping: float) 
         body.end_stop_max,
     )
     constants[handle_motion.MOTOR_LAG_S] = 1 / (2 * math.pi * body.force_bandwidth_hz)
-    constants[handle_motion.HAND_MASS], constants[handle_motion.HAND_STIFFNESS] = mass, stiffness
-    constants[handle_motion.HAND_DAMPING] = damping
+    constants[handle_motion.HAND_MASS] = hand.mass
+    constants[handle_motion.HAND_STIFFNESS] = hand.stiffness
+    constants[handle_motion.HAND_DAMPING] = hand.damping
+    constants[handle_motion.HAND_FORCE] = hand.force_max
     return constants

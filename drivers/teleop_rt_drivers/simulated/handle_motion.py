@@ -28,8 +28,10 @@ POSITION, VELOCITY, HAND, HAND_VELOCITY, MOTOR, PORT, GIVEN, LEAST, MOTOR_WORK =
 STATES = MOTOR_WORK + 1
 (
     MASS, DAMPING, DRY, STOP_MIN, STOP_MAX, MOTOR_LAG_S, HAND_MASS, HAND_STIFFNESS, HAND_DAMPING,
-) = range(9)  # fmt: skip
-CONSTANTS = HAND_DAMPING + 1
+    HAND_FORCE,
+) = range(10)  # fmt: skip
+"""`HAND_FORCE` is the largest of the hand's spring and damper together."""
+CONSTANTS = HAND_FORCE + 1
 
 
 @kernel
@@ -70,6 +72,7 @@ def advance_handle(
         push = grip * (
             constants[HAND_STIFFNESS] * (wanted - y) + constants[HAND_DAMPING] * (rate - w)
         )
+        push = min(max(push, -constants[HAND_FORCE]), constants[HAND_FORCE])
         state[MOTOR] += follow * (command - state[MOTOR])
         force = held + state[MOTOR] + passive_force(x, v, constants)
         state[VELOCITY] = v + h * force / constants[MASS]
