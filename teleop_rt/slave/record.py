@@ -69,6 +69,7 @@ class Tick:
     valid: int
     enabled: int
     missing: int
+    invalid_in_a_row: int
     axis_fault: int
     position: float
     force: float

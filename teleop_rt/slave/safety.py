@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from teleop_rt.axis import Sample
+from typing import cast
+
+from teleop_rt.axis import Sample, SampleFields
 from teleop_rt.config.realtime import LateConfig
 from teleop_rt.config.rig import Limits
 from teleop_rt.kernels.jit import kernel
@@ -12,6 +14,7 @@ from teleop_rt.slave import faults, hazards
 from teleop_rt.slave.faults import Fault, State
 from teleop_rt.slave.hazards import Patience
 from teleop_rt.slave.record import Tick, TickRecord, place
+from teleop_rt.slave.supervision import take_in
 
 _POWERED = (faults.ARMED, faults.RUN, faults.HOLD)
 _STATES = tuple(State)
@@ -214,8 +217,7 @@ class SafetyChain:
         that is not `homed` yet stays armed, and its position cannot be compared with the limits.
         """
         tick = self._tick
-        tick.valid, tick.enabled, tick.missing = sample.valid, sample.enabled, sample.missing
-        tick.position, tick.force, tick.axis_fault = sample.position, sample.force, sample.fault
+        take_in(tick, cast("SampleFields", sample.stored[0]))
         tick.late_ns, tick.led, tick.homed = late_ns, motion, homed
         check_safety(tick, self.late.record, self.on_hardware.record)
         return self.state

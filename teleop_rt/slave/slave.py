@@ -105,6 +105,7 @@ class Slave:
         """Bind the compiled step to its arrays, and run it once: no tick compiles or loads it."""
         self._decide = bound(decide, self._arrays(), CHECK)
         self._decide(CHECK)
+        self.record.tick.invalid_in_a_row = 0
         self.limiter.reset(self.limiter.position)
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:

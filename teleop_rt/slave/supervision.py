@@ -34,9 +34,14 @@ _POSITION_MISMATCH, _FORCE_MISMATCH = faults.POSITION_MISMATCH.code, faults.FORC
 
 @kernel
 def take_in(tick: Tick, sample: SampleFields) -> None:
-    """Take a sample over; a value that the drive should measure, and does not, is NaN."""
+    """Take a sample over; a value that the drive should measure, and does not, is NaN.
+
+    Cycles without a valid sample are counted here, too: a driver may not count them.
+    """
     tick.usable = tick.ready > 0 and sample.valid > 0
-    tick.valid, tick.enabled, tick.missing = sample.valid, sample.enabled, sample.missing
+    tick.valid, tick.enabled = sample.valid, sample.enabled
+    tick.invalid_in_a_row = 0 if sample.valid > 0 else tick.invalid_in_a_row + 1
+    tick.missing = max(sample.missing, tick.invalid_in_a_row)
     tick.axis_fault, tick.sample_stamp_ns = sample.fault, sample.stamp_ns
     tick.position, tick.force = sample.position, sample.force
     tick.position_stamp_ns, tick.force_stamp_ns = sample.position_stamp_ns, sample.force_stamp_ns

@@ -64,6 +64,25 @@ def test_three_missing_samples_hold_and_twenty_stop():
     assert chain.fault == faults.SAMPLES_LOST
 
 
+@pytest.mark.parametrize("counted", [0, 5])
+def test_cycles_without_a_valid_sample_stop_also_where_the_driver_does_not_count_them(counted):
+    chain = running_chain()
+    lost = good()
+    lost.valid, lost.missing = False, counted
+    states = [chain.check(lost, 0, motion=True) for _ in range(20)]
+    assert states[2:] == [State.HOLD] * 17 + [State.SAFE_STOP]
+    assert chain.fault == faults.SAMPLES_LOST
+
+
+def test_a_valid_sample_ends_the_count_of_those_lost():
+    chain = running_chain()
+    lost = good()
+    lost.valid = False
+    for _ in range(3):
+        assert [chain.check(lost, 0, motion=True) for _ in range(19)][-1] == State.HOLD
+        assert chain.check(good(), 0, motion=True) == State.RUN
+
+
 @pytest.mark.parametrize(
     ("rate_hz", "stop_ms", "last"),
     [(1000, 20, 19), (1000, 50, 49), (1000, 5, 19), (4000, 20, 79), (100, 20, 3), (300, 70, 21)],
