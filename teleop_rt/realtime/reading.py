@@ -178,7 +178,7 @@ def read_topics(
     names: Mapping[str, Sequence[str]] | None = None,
     most: Mapping[str, int] | None = None,
 ) -> dict[str, dict[str, Rows]]:
-    """Return `{topic: {signal: values (n,)}}`, null as not-a-number.
+    """Return `{topic: {signal: values (n,)}}`, null as not-a-number, and its sample not valid.
 
     A name that ends in a slash means every topic below it. `names` gives the signals to keep
     of a topic, those that it has; of other topics all are kept. A topic with more rows than `most`
@@ -201,9 +201,18 @@ def read_topics(
                 found[topic].take(block.data, places)
             except (ValueError, KeyError, TypeError, IndexError, OverflowError):
                 _say_damaged(path, int(places[0, 0]), path.stat().st_size)
-                return {topic: columns.whole() for topic, columns in found.items()}
+                return {topic: _judged(columns.whole()) for topic, columns in found.items()}
         refuse_more(path, sum(columns.size_bytes for columns in found.values()), may_take)
-    return {topic: columns.whole() for topic, columns in found.items()}
+    return {topic: _judged(columns.whole()) for topic, columns in found.items()}
+
+
+def _judged(columns: dict[str, Rows]) -> dict[str, Rows]:
+    """Return the columns; where position or force is no number, the sample is missing."""
+    if "valid" in columns:
+        for name in ("position", "force"):
+            if name in columns:
+                columns["valid"][~np.isfinite(columns[name])] = 0.0
+    return columns
 
 
 def _limit(topic: str, most: Mapping[str, int]) -> int | None:

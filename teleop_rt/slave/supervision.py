@@ -38,7 +38,8 @@ def take_in(tick: Tick, sample: SampleFields) -> None:
 
     Cycles without a valid sample are counted here, too: a driver may not count them.
     """
-    tick.usable = tick.ready > 0 and sample.valid > 0
+    numbers = math.isfinite(sample.position) and math.isfinite(sample.force)
+    tick.usable = tick.ready > 0 and sample.valid > 0 and numbers
     tick.valid, tick.enabled = sample.valid, sample.enabled
     tick.invalid_in_a_row = 0 if sample.valid > 0 else tick.invalid_in_a_row + 1
     tick.missing = max(sample.missing, tick.invalid_in_a_row)

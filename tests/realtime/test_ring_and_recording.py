@@ -255,3 +255,13 @@ def test_rows_are_read_whole_however_many_were_expected(tmp_path, claimed, monke
     found = read_topics(path, ["/slave"])["/slave"]
     assert np.array_equal(found["state"], np.arange(9_000))
     assert np.isnan(found["force"]).all()
+
+
+def test_a_sample_whose_position_or_force_is_no_number_is_read_as_missing(tmp_path):
+    table = [Signal(name, "1", name) for name in ("stamp_ns", "position", "force", "valid")]
+    rows = [[1, 0.1, 2.0, 1], [2, np.inf, 2.0, 1], [3, 0.1, np.nan, 1], [4, 0.1, 2.0, 0]]
+    writer = RecordingWriter(tmp_path / "r.mcap", UNITS)
+    writer.add_topic("/slave", table)
+    writer.write_rows("/slave", np.array(rows, float))
+    writer.close()
+    assert read_topics(tmp_path / "r.mcap", ["/slave"])["/slave"]["valid"].tolist() == [1, 0, 0, 0]
