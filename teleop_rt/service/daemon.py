@@ -99,6 +99,7 @@ class Daemon:
         self._left = now
         if now.fault is not NO_FAULT:
             last = {"stamp_ns": now.stamp_ns, "fault": now.fault.name, "said": now.said}
+            last |= {"traceback": now.traceback} if now.traceback else {}
             leave(self._ring_folder / LAST_FAULT, last)
 
     def _stop(self) -> None:

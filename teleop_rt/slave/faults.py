@@ -47,11 +47,15 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """A fault, its time, and the device's report of it, in its own words; empty for none."""
+    """A fault, its time, and the device's report of it, in its own words; empty for none.
+
+    `traceback` is that of an error which the driver raised, for the log.
+    """
 
     fault: Fault
     stamp_ns: int
     said: str
+    traceback: str = ""
 
 
 NO_FAULT = Fault(0, "none", "no fault", "nothing to do")
@@ -154,6 +158,12 @@ POSITION_REPEATED = Fault(
     "free the axis, check whether the position sensor only repeats its last value, then reset"
     " and arm",
 )
+DRIVER = Fault(
+    36,
+    "driver",
+    "the driver raised an error",
+    "correct the driver by the traceback in log.jsonl, then reset and arm",
+)
 FIRST_OF_AXIS = 20
 """The code of an axis's first fault; the others follow in its order."""
 _AXIS_FAULTS = {
@@ -239,6 +249,7 @@ FAULTS = {
         POSITION_MISMATCH,
         DRIVE_SILENT,
         POSITION_REPEATED,
+        DRIVER,
         *_AXIS_FAULTS.values(),
     )
 }

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.axis import Axis, AxisError, AxisFault, Sample
+from teleop_rt.axis import Axis, AxisError, AxisFault, EndOfRecording, Sample
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation.contact_found import Contact
 from teleop_rt.estimation.pipeline import Pipeline
@@ -21,7 +22,7 @@ from teleop_rt.link.messages import Kind
 from teleop_rt.realtime.ring import RingWriter
 from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import SLAVE, columns
-from teleop_rt.slave import faults
+from teleop_rt.slave import driver_error, faults
 from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.feed import feed_of
 from teleop_rt.slave.model_sender import ModelSender
@@ -91,6 +92,7 @@ class Slave:
         self._stamp_ns = 0
         self._force_from_drive = rig.axis.force_from_drive
         self.stopped = faults.NOT_STOPPED
+        self._raised = driver_error.NONE_RAISED
         self._work_us = math.nan
         self._bind_step()
 
@@ -197,6 +199,7 @@ class Slave:
         self._endpoint.forget_waiting()
         self.guard.reset()
         self.safety.reset()
+        self._raised = driver_error.NONE_RAISED
         return True
 
     @property
@@ -240,7 +243,12 @@ class Slave:
     def _sense(self, skipped: int, wake_latency_ns: int) -> None:
         """Take in all news, and write clock and zeros into the record of the tick."""
         sample = self._sample
-        self._axis.read_into(sample)
+        try:
+            self._axis.read_into(sample)
+        except EndOfRecording:
+            raise
+        except Exception as error:  # noqa: BLE001 - whatever another's driver raises
+            self._driver_raised(error)
         if self._has_zeros:
             self.reference.apply(sample)
         self._stamp_ns = stamp_ns = self._now_ns()
@@ -278,13 +286,25 @@ class Slave:
         else:
             self._endpoint.fix_clock()
 
-    def _act(self, action: int) -> None:
-        if action == FOLLOW:
-            self._axis.write(self._floats[_WRITTEN])
-        elif action == STOP_DRIVE:
+    def _driver_raised(self, error: Exception) -> None:
+        """Stop for an error of the driver, which gave no sample or took no command."""
+        self._sample.valid = False
+        self.safety.stop(faults.DRIVER)
+        with suppress(Exception):  # a driver that fails may fail here, too
             self._axis.stop()
-        else:
-            self._stand()
+        if self._raised is driver_error.NONE_RAISED:
+            self._raised = driver_error.in_words(error)
+
+    def _act(self, action: int) -> None:
+        try:
+            if action == FOLLOW:
+                self._axis.write(self._floats[_WRITTEN])
+            elif action == STOP_DRIVE:
+                self._axis.stop()
+            else:
+                self._stand()
+        except Exception as error:  # noqa: BLE001 - as above
+            self._driver_raised(error)
         self._endpoint.send_body(_KIND, self._body_bytes)
         self._models.update(self._floats[_POSITION])
 
@@ -300,13 +320,15 @@ class Slave:
     def _note_fault(self) -> None:
         """Note the time of a fault, its device's report, and its reset."""
         sample, last = self._sample, self.stopped
-        fault, said = self.fault, sample.complaint
+        fault, said, trace = self.fault, sample.complaint, ""
+        if fault is faults.DRIVER:
+            said, trace = self._raised.said, self._raised.traceback
         if fault is faults.SAMPLES_LOST or self.safety.state == faults.HOLD:
             said = said or sample.stale
         if fault is last.fault and fault is not faults.NO_FAULT:
             said = said or last.said  # the device may be back; the fault is still its doing
         if fault is not last.fault or said != last.said:
-            self.stopped = faults.Stopped(fault, self._stamp_ns, said)
+            self.stopped = faults.Stopped(fault, self._stamp_ns, said, trace)
 
     def _write_row(self, wake_latency_ns: int) -> None:
         """Complete the row that the step has written, and record it."""

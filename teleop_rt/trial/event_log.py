@@ -92,10 +92,11 @@ class EventLog:
         if watched.size:
             self._watched = watched[-1:]
 
-    def watch_devices(self, said: str, stamp_ns: int) -> None:
-        """Log a device's own report of its fault at this stamp, once."""
+    def watch_devices(self, said: str, stamp_ns: int, traceback: str = "") -> None:
+        """Log a device's own report of its fault at this stamp, or its driver's error, once."""
         if said and stamp_ns != self._said_ns:
-            self.write("device", stamp_ns, said=said)
+            more = {"traceback": traceback} if traceback else {}
+            self.write("device", stamp_ns, said=said, **more)
             self._said_ns = stamp_ns
 
     def close(self) -> None:

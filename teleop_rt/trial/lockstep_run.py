@@ -155,7 +155,8 @@ def _steps(run: LockstepTrial, recorder: Recorder, log: EventLog, progress: Prog
     try:
         while run.clock.now_ns() < end_ns and run.slave.safety.state != State.FAULT:
             run.step()
-            log.watch_devices(run.slave.stopped.said, run.slave.stopped.stamp_ns)
+            stopped = run.slave.stopped
+            log.watch_devices(stopped.said, stopped.stamp_ns, stopped.traceback)
             steps += 1
             if steps % _DRAIN_EVERY_STEPS == 0:
                 recorder.drain()

@@ -71,4 +71,4 @@ def recorder_main(
 def _watch_devices(log: EventLog, ring_folder: Path) -> None:
     """Log a device's report of its fault: the loop leaves it, and logs nothing itself."""
     if (last := found(ring_folder / LAST_FAULT)) is not None:
-        log.watch_devices(last["said"], last["stamp_ns"])
+        log.watch_devices(last["said"], last["stamp_ns"], last.get("traceback", ""))

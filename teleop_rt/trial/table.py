@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from teleop_rt.config.section import Units
@@ -178,6 +179,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     )
     touched = "contact" if contact["onsets"] == 1 else "contacts"
     safety = summary["safety"]
+    said = f": {safety['fault']['said']}" if safety["fault"].get("said") else ""
     ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
     early = ", interrupted" if summary.get("interrupted") else ""
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
@@ -197,7 +199,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("model", _model(summary)),
         ("link", f"{packets}, {refused}"),
         ("round trip", round_trip),
-        ("safety", f"{safety['state']}, {safety['fault']['name']}"),
+        ("safety", f"{safety['state']}, {safety['fault']['name']}{escape(said)}"),
         *(("unsafe", sentence) for sentence in safety.get("unsafe") or ()),
     ]
     for key in ("wake_latency_us", "work_us"):

@@ -369,7 +369,7 @@ def test_alarms_of_the_disk_and_of_rows_that_were_dropped_reach_the_status(ready
     assert "the recorder has been silent for 9 s" in silent
 
 
-def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(ready, monkeypatch):
+def test_a_driver_that_raises_is_a_fault_that_can_be_reset(ready, monkeypatch):
     ready.ask("arm")
     ready.ask("start")
     ready.until(State.RUN)
@@ -377,7 +377,24 @@ def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(ready, monkeyp
     def broken(_sample):
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr(ready.trial.bench.axis, "read_into", broken)
+    with monkeypatch.context() as patched:
+        patched.setattr(ready.trial.bench.axis, "read_into", broken)
+        ready.until(State.FAULT)
+        last = ready.ask("status")["status"]["last_fault"]
+        assert (last["fault"], last["said"]) == ("driver", "ZeroDivisionError: on purpose")
+        assert "in broken" in last["traceback"]
+    assert not ready.rig.drive.enabled
+
+
+def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(ready, monkeypatch):
+    ready.ask("arm")
+    ready.ask("start")
+    ready.until(State.RUN)
+
+    def broken():
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(ready.slave._endpoint, "poll", broken)
     with pytest.raises(ZeroDivisionError, match="on purpose"):
         ready.daemon.run(lambda: StepClock(ready), lambda: False)
     assert ready.slave.safety.fault.name == "internal"

@@ -19,6 +19,7 @@ from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.slave.faults import State
+from teleop_rt.slave.slave import Slave
 from teleop_rt.trial import summary as summary_module
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.folder import RECORDING, write_trial
@@ -232,22 +233,19 @@ def test_nothing_but_the_plant_knows_the_plant(tmp_path):
             assert np.array_equal(values, withheld[topic][name], equal_nan=True), (topic, name)
 
 
-def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(tmp_path):
-    benches = []
+def test_an_error_in_the_cycle_stops_the_axis_and_is_raised_again(tmp_path, monkeypatch):
+    benches, act = [], Slave._act
 
     def failing(trial, now_ns):
-        bench = open_bench(trial, now_ns)
-        read_into, calls = bench.axis.read_into, []
+        benches.append(open_bench(trial, now_ns))
+        return benches[0]
 
-        def breaking(sample):
-            calls.append(sample)
-            if len(calls) > 500:
-                raise ZeroDivisionError("broken on purpose")
-            read_into(sample)
+    def breaking(slave, action):
+        act(slave, action)
+        if slave.tick == 501:
+            raise ZeroDivisionError("broken on purpose")
 
-        bench.axis.read_into = breaking
-        benches.append(bench)
-        return bench
+    monkeypatch.setattr(Slave, "_act", breaking)
 
     with pytest.raises(ZeroDivisionError, match="on purpose"):
         run(silicone("duration_s=2.0"), tmp_path / "run", failing)
@@ -270,6 +268,66 @@ def test_a_slave_that_starts_minutes_after_its_master_begins_without_what_has_wa
         trial.master.cycle()
     assert trial.slave_endpoint.statistics.refused == 0
     assert trial.slave_endpoint.connected
+
+
+class Raises:
+    """An axis one of whose methods raises from its 200th call on."""
+
+    def __init__(self, axis, method):
+        self._axis, self._method, self._calls = axis, method, 0
+
+    def __getattr__(self, name):
+        if name == self._method:
+            self._calls += 1
+            if self._calls > 200:
+                raise OSError(5, "bus gone")
+        return getattr(self._axis, name)
+
+
+@pytest.mark.parametrize("method", ["read_into", "write"])
+def test_a_driver_that_raises_is_a_fault_with_its_traceback_in_the_log(method, tmp_path):
+    def raising(trial, now_ns):
+        bench = open_bench(trial, now_ns)
+        bench.axis = Raises(bench.axis, method)
+        return bench
+
+    summary = run(silicone("duration_s=2"), tmp_path / "run", raising)
+    assert summary["safety"]["state"] == "FAULT"
+    fault = summary["safety"]["fault"]
+    assert (fault["name"], fault["said"]) == ("driver", "OSError: [Errno 5] bus gone")
+    lines = (tmp_path / "run" / "log.jsonl").read_text().splitlines()
+    events = [json.loads(line) for line in lines]
+    assert [event["fault"] for event in events if event["event"] == "fault"] == ["driver"]
+    (report,) = [event for event in events if event["event"] == "device"]
+    assert report["said"] == fault["said"]
+    assert "in __getattr__" in report["traceback"]
+    console = Console(file=io.StringIO(), width=200)
+    print_summary(console, summary, silicone().rig.units)
+    assert "FAULT, driver: OSError: [Errno 5] bus gone" in console.file.getvalue()
+
+
+@pytest.mark.parametrize("wrong", [math.inf, -math.inf, math.nan])
+def test_a_position_that_is_no_number_stops_and_is_a_missing_sample_to_readers(wrong, tmp_path):
+    def spoiling(trial, now_ns):
+        bench = open_bench(trial, now_ns)
+        read_into, calls = bench.axis.read_into, []
+
+        def spoilt(sample):
+            read_into(sample)
+            calls.append(0)
+            if len(calls) > 1500:
+                sample.position = wrong
+
+        bench.axis.read_into = spoilt
+        return bench
+
+    folder = tmp_path / "run"
+    summary = run(silicone("duration_s=3"), folder, spoiling)
+    assert summary["safety"]["fault"]["name"] == "position_limit"
+    slave = read_topics(folder / RECORDING, ["/slave"])["/slave"]
+    spoilt = ~np.isfinite(slave["position"])
+    assert spoilt.any()
+    assert not slave["valid"][spoilt].any()
 
 
 def test_a_muted_sensor_holds_then_stops_within_the_stated_ticks(tmp_path):
