@@ -34,6 +34,7 @@ from teleop_rt_drivers.recording import RecordingAxis, RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, FOREIGN, parts_of
 from teleop_rt_drivers.replayed_bus import REPLAY, ReplayAxis, ReplayBus
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
+from teleop_rt_drivers.stamped import StampedAxis
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -169,7 +170,9 @@ def _open_part(
     if isinstance(axis, RecordingAxisConfig):
         return RecordingAxis(axis, rig, now_ns)
     if (foreign := FOREIGN.get(axis.driver)) is not None:
-        return foreign.open_axis(axis, rig, now_ns)
+        opened = foreign.open_axis(axis, rig, now_ns)
+        replays = not axis.executes  # its stamps are the recording's
+        return opened if replays else StampedAxis(opened, now_ns, rig.sample_period_ns)
     raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
 
 

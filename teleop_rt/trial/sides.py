@@ -19,7 +19,7 @@ from teleop_rt.link.transport import Transport
 from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.faults import DRIVER, LATE_TICKS
+from teleop_rt.slave.faults import DRIVER, LATE_TICKS, SAMPLES_LOST
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.late import cause, late_outcome
@@ -105,7 +105,7 @@ def slave_outcome(slave: Slave, endpoint: Endpoint, if_late: str = "") -> dict[s
     """
     fault, late = slave.safety.fault, late_outcome(slave.safety)
     by_lateness = fault is LATE_TICKS and late["stop"] is not None
-    said = slave.stopped.said if fault is DRIVER else slave.sample.complaint
+    said = slave.stopped.said if fault in (DRIVER, SAMPLES_LOST) else slave.sample.complaint
     return {
         "link": link_outcome(endpoint),
         "missed_ticks": slave.missed_ticks,

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from teleop_rt.axis import Sample
+from teleop_rt_drivers.stamped import StampedAxis
+
 README = Path(__file__).parents[2] / "drivers" / "README.md"
 METADATA, SOURCE, RIG = re.findall(
     r"```(?:python|toml|text)\n(# (?:spring_rig\.py|pyproject\.toml|rig\.yaml)\n.*?)```",
@@ -93,3 +96,69 @@ def test_a_key_of_the_example_is_checked_as_ours_are(installed, tmp_path):
     done = run(tmp_path, installed[1], program=READ)
     assert "rig.yaml" in done.stderr
     assert "did you mean 'stiffness_N_per_m'" in done.stderr
+
+
+MS = 1_000_000
+
+
+class Ramp:
+    """An axis that moves on by 1 each ms, with stamps that are `off_ns` from the clock's."""
+
+    def __init__(self, clock) -> None:
+        self._clock, self.off_ns, self.frozen_ns = clock, 0, None
+        self.counters = {"read": 1}
+
+    def read_into(self, sample):
+        now_ns = self._clock[0]
+        stamp_ns = self.frozen_ns or now_ns + self.off_ns
+        sample.valid, sample.position, sample.force = True, now_ns / MS, 2.0
+        sample.stamp_ns = sample.position_stamp_ns = sample.force_stamp_ns = stamp_ns
+
+
+def ramp(period_ns=MS):
+    clock = [1000 * MS]
+    axis = Ramp(clock)
+    return clock, axis, StampedAxis(axis, lambda: clock[0], period_ns)
+
+
+@pytest.mark.parametrize(
+    ("off_ms", "period_ms", "words"),
+    [
+        (10_000, 1, "the driver stamps the position more than 20 ms ahead of the clock"),
+        (-50, 1, "the driver stamps the position more than 20 ms behind the clock"),
+        (-50, 12, "the driver stamps the position more than 36 ms behind the clock"),
+        (-50, 20, ""),
+        (-20, 1, ""),
+        (20, 1, ""),
+    ],
+)
+def test_a_sample_stamped_far_from_the_clock_is_missing(off_ms, period_ms, words):
+    clock, axis, stamped = ramp(period_ms * MS)
+    sample = Sample()
+    stamped.read_into(sample)
+    assert (sample.valid, sample.stale, sample.position) == (True, "", 1000.0)
+    clock[0] += 100 * MS
+    axis.off_ns = off_ms * MS
+    stamped.read_into(sample)
+    assert (sample.valid, sample.stale) == (not words, words)
+    assert sample.position == (1000.0 if words else 1100.0)
+    assert sample.position_stamp_ns == (1000 * MS if words else (1100 + off_ms) * MS)
+    clock[0] += MS
+    axis.off_ns = 0
+    stamped.read_into(sample)
+    assert (sample.valid, sample.stale, sample.position) == (True, "", clock[0] / MS)
+
+
+def test_a_new_value_with_an_old_stamp_is_missing_and_its_number_not_taken():
+    clock, axis, stamped = ramp()
+    sample = Sample()
+    stamped.read_into(sample)
+    stamped.read_into(sample)
+    assert sample.valid  # the same value again: a sensor slower than the loop
+    axis.frozen_ns = clock[0]
+    clock[0] += MS
+    stamped.read_into(sample)
+    assert not sample.valid
+    assert sample.stale == "the driver's position changes, but its stamp does not"
+    assert sample.position == 1000.0
+    assert stamped.counters == {"read": 1}
