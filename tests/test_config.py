@@ -109,7 +109,7 @@ def test_all_problems_of_both_files_are_reported_at_once_with_file_line_and_key(
         rig=RIG.replace("force_max_N: 120", "force_max_N: -3").replace("port: a", "prot: a"),
     )
     text = "\n".join(found)
-    assert "trial.yaml:3: duration_s: must be greater than 0 (it is -1)" in text
+    assert "trial.yaml:3: duration_s: must be greater than or equal to 0.01 (it is -1)" in text
     assert "trial.yaml:9: operator.frequency_hz: must be less than or equal to 50" in text
     assert "rig.yaml:10: rig.limits.force_max_N: must be greater than 0" in text
     assert "rig.yaml:11: rig.axis.prot: unknown key; did you mean 'port'?" in text
@@ -479,3 +479,16 @@ def test_a_trial_may_name_a_rig_that_ships():
     assert by_name == by_path
     with pytest.raises(ConfigError, match=r"rig: no file .*simulated_parallel"):
         load_trial_file(SILICONE, ["rig=simulated_parallel"])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "problem"),
+    [
+        ("duration_s: 5", "duration_s: 1e-9", "duration_s: must be greater than or equal to 0.01"),
+        ("name: press", f"name: {101 * 'a'}", "name: must have at most 100 characters"),
+    ],
+)
+def test_a_trial_that_no_run_could_carry_out_is_refused(tmp_path, before, after, problem):
+    assert before in TRIAL
+    [found] = problems_of(tmp_path, trial=TRIAL.replace(before, after))
+    assert problem in found

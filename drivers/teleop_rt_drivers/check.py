@@ -127,7 +127,8 @@ def check_link(link: LinkConfig) -> list[Finding]:
                 Finding("ok", "the key is readable, and only by its owner", "link.key_file")
             )
         except KeyFileError as error:
-            step = "make one with `teleop-rt keygen`"
+            makes = "make one with `teleop-rt keygen`"
+            step = "then check again" if "keygen" in str(error) else makes
             findings.append(Finding("error", str(error), "link.key_file", step))
     if not link.bind_host.startswith("127.") and link.bind_host != "localhost":
         what = f"the link listens beyond this machine, on {link.bind_host}"

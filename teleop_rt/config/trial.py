@@ -188,11 +188,18 @@ class TrialConfig(Section):
     format: Literal[1] = Field(1, description="Version of the file format; this program reads 1.")
     name: str = Field(
         min_length=1,
+        max_length=100,
         pattern=r"^[A-Za-z0-9_-]+$",
         description="Name of the trial, in the run's folder and report: letters, digits, _ and -.",
     )
     rig: RigConfig = Field(description="The rig; in the file also its path, relative to the trial.")
-    duration_s: float = Field(gt=0, le=86400, description="Length of the trial.")
+    duration_s: float = Field(
+        ge=0.01,
+        le=86400,
+        description=(
+            "Length of a run, and of a slave with --arm; a master alone runs until it is stopped."
+        ),
+    )
     seed: int = Field(
         0,
         ge=0,

@@ -84,6 +84,17 @@ def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
     return f"{name} = {_number(parameter['value'], '', 5)}{spread}{unit}{note}"
 
 
+def packets_in_words(link: Mapping[str, Any]) -> str:
+    """Return the fate of the master's packets; a process that died has counted none."""
+    if link["received"] is None:
+        return "the slave's counts of packets are not known"
+    refused = "an unknown number" if link["refused"] is None else link["refused"]
+    return (
+        f"of the master's packets {link['received']} came, {link['lost']} were lost, "
+        f"{link['overtaken']} came after a newer one, {refused} were refused"
+    )
+
+
 def _number(value: float | None, unit: str, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}g}{unit}"
 
@@ -183,8 +194,6 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
     early = ", interrupted" if summary.get("interrupted") else ""
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
-    packets = f"of the master's packets {link['received']} came, {link['lost']} were lost"
-    refused = f"{link['overtaken']} came after a newer one, {link['refused']} were refused"
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         *_start_up(summary),
@@ -197,7 +206,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *worst_lines(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", _model(summary)),
-        ("link", f"{packets}, {refused}"),
+        ("link", packets_in_words(link)),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}{escape(said)}"),
         *(("unsafe", sentence) for sentence in safety.get("unsafe") or ()),

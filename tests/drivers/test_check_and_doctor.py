@@ -68,6 +68,7 @@ def test_the_links_key_is_checked(tmp_path):
     assert worst(check_link(LinkConfig())) == "ok"
     missing = check_link(LinkConfig(key_file=str(tmp_path / "none")))
     assert worst(missing) == "error"
+    assert str(missing[0]).count("keygen") == 1
     assert worst(check_link(LinkConfig(bind_host="192.0.2.1"))) == "warning"
 
 

@@ -6,6 +6,7 @@ import pytest
 from teleop_rt.trial import summary_notes
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.felt_force import rows_to_compare
+from teleop_rt.trial.table import packets_in_words
 from teleop_rt_dev.trial.files import silicone
 
 
@@ -109,3 +110,12 @@ def test_what_the_master_renders_after_the_slaves_last_tick_is_not_judged():
     }
     assert rows_to_compare(slave, master)["rendered_force"].tolist() == [0.0, 1.0]
     assert rows_to_compare({}, master) is master
+
+
+def test_packets_that_a_dead_process_counted_are_not_known():
+    counts = {"received": 10, "lost": 2, "overtaken": 1, "refused": None}
+    assert packets_in_words(dict.fromkeys(counts)) == "the slave's counts of packets are not known"
+    assert packets_in_words(counts) == (
+        "of the master's packets 10 came, 2 were lost, 1 came after a newer one, "
+        "an unknown number were refused"
+    )
