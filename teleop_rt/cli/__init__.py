@@ -61,7 +61,9 @@ app = LazyGroup(
             panel=_RIG,
         ),
         "master": LazyCommand(
-            f"{_SIDES}:master", "Run the master next to the operator.", panel=_RIG
+            f"{_SIDES}:master",
+            "Run the master next to the operator until it is stopped, by Ctrl-C or SIGTERM.",
+            panel=_RIG,
         ),
         "sim": LazyCommand(
             f"{_SIDES}:sim",

@@ -118,7 +118,7 @@ def run_master(
     *,
     as_json: bool,
 ) -> None:
-    """Run the master next to the operator."""
+    """Run the master next to the operator until it is stopped."""
     gc.freeze()  # as above
     with _side("master", trial_file, overrides, out, key, as_json=as_json) as side:
         _operate(side, trial_file, key)

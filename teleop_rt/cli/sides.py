@@ -32,7 +32,7 @@ def master(
     out: OutFolder = None,
     as_json: JsonLines = False,
 ) -> None:
-    """Run the master next to the operator."""
+    """Run the master next to the operator until it is stopped, by Ctrl-C or SIGTERM."""
     from teleop_rt.cli.side_mains import run_master  # noqa: PLC0415 - loads compilers and drivers
 
     run_master(trial_file, key, overrides, out, as_json=as_json)

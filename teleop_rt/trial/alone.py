@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -89,6 +89,7 @@ class Alone:
         recorded = self.recorder.events.get("done", _NO_REPORT)
         commands = kept(self.ring_folder, SERVER)
         notes = [*of_recorder(recorded), *of_helper("command server", commands)]
+        notes += _rejected(outcome)
         counted = {
             "side": self.side,
             "trial": self.trial_name,
@@ -126,7 +127,19 @@ class PlainEvents:
         """Print an event; problems are printed at the end of the program."""
         if event == "problem":
             return
-        print(f"{self._side}: {_in_words(event, content)}", flush=True)
+        lines = [_in_words(event, content), *(_rejected(content) if event == "done" else ())]
+        for line in lines:
+            print(f"{self._side}: {line}", flush=True)
+
+
+def _rejected(outcome: Mapping[str, Any]) -> list[str]:
+    """Return a line on the packets that this side rejected, if there were any."""
+    link = outcome.get("link") or {}
+    if not link.get("rejected"):
+        return []
+    reasons = link.get("rejected_by_reason") or {}
+    counted = ", ".join(f"{count} for {reason}" for reason, count in reasons.items() if count)
+    return [f"{link['rejected']} packets were rejected: {counted}"]
 
 
 def _in_words(event: str, content: dict[str, Any]) -> str:

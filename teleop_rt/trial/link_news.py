@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Protocol
 
-from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
 from teleop_rt.realtime.parent import Emit
 
 _PERIOD_S = 0.5  # of the look at the link: an operator's patience, no load for the loop
@@ -26,11 +26,16 @@ class Ended(Protocol):
 def report_link(code: Callable[[], int], emit: Emit, ended: Ended) -> None:
     """Report each new trouble, and the link's return after one, until the end.
 
-    `code` returns the present trouble's place in TROUBLES, 0 without one.
+    `code` returns the present trouble's place in TROUBLES, 0 without one. Silence is trouble only
+    where the next look finds it, too: before a healthy link engages nothing has arrived either.
     """
-    before = 0
+    before = last = 0
     while not ended.wait(_PERIOD_S):
-        if (now := code()) != before:
+        now = code()
+        lasts, last = now == last, now
+        if now == NOTHING_TROUBLE and not lasts:
+            continue
+        if now != before:
             name, cause = TROUBLES[now] if now else (None, "the slave answers")
             with suppress(OSError):  # nobody reads it any more
                 emit("link", trouble=name, cause=cause)

@@ -23,10 +23,28 @@ class EndsAfter:
     [
         ([0, 0, 0], []),
         ([0, NOTHING_TROUBLE, NOTHING_TROUBLE], [TROUBLES[NOTHING_TROUBLE][1]]),
-        ([1, NOTHING_TROUBLE], [TROUBLES[1][1], TROUBLES[NOTHING_TROUBLE][1]]),
+        ([NOTHING_TROUBLE, 0, 0], []),
+        ([1, NOTHING_TROUBLE], [TROUBLES[1][1]]),
+        ([1] + 2 * [NOTHING_TROUBLE], [TROUBLES[1][1], TROUBLES[NOTHING_TROUBLE][1]]),
         ([1, 0, 0, 1], [TROUBLES[1][1], "the slave answers", TROUBLES[1][1]]),
     ],
 )
 def test_each_trouble_is_reported_once_and_its_end_too(codes, said, capsys):
     report_link(iter(codes).__next__, PlainEvents("master"), EndsAfter(len(codes)))
     assert capsys.readouterr().out.splitlines() == [f"master: link: {words}" for words in said]
+
+
+@pytest.mark.parametrize(
+    ("reasons", "said"),
+    [
+        ({}, []),
+        (
+            {"magic": 3, "version": 0, "authentication": 20},
+            ["master: 23 packets were rejected: 3 for magic, 20 for authentication"],
+        ),
+    ],
+)
+def test_a_side_says_at_its_end_how_many_packets_it_rejected_and_why(reasons, said, capsys):
+    link = {"rejected": sum(reasons.values()), "rejected_by_reason": reasons}
+    PlainEvents("master")("done", link=link)
+    assert capsys.readouterr().out.splitlines() == ["master: done", *said]
