@@ -2,7 +2,8 @@
 
 WAITING: the master counts its own motion from where the slave stands, so that whenever the
 slave begins to follow there is no jump. ENGAGED: the slave follows. FROZEN: no news for
-`freeze_after_ms`; the hand still feels the last wall, and the slave is asked to stay.
+`freeze_after_ms`; the hand still feels the last wall, and the slave is asked to stay: it is not
+led, so that it draws back after its `retreat_after_ms` if the silence goes on.
 DECLUTCHED: no news for `declutch_after_ms`, or a slave that will not follow, or another
 session; the force fades to zero within `fade_ms` and then the wall is forgotten.
 """
@@ -56,7 +57,7 @@ class Engagement:
     def asks(self, slave: StateMessage | None, silence_ns: int) -> bool:
         """Return whether the slave is asked to follow; again only out of contact."""
         if self.state != LinkState.WAITING:
-            return self.coupled
+            return self.state == LinkState.ENGAGED
         if slave is None or silence_ns > self._freeze_ns:
             return False
         return not (self.ever_engaged and slave.in_contact)

@@ -57,6 +57,22 @@ def test_a_frozen_master_asks_the_slave_to_stay_where_it_was() -> None:
     assert len(np.unique(rows[frozen, COLUMN["position"]])) > 1000
 
 
+def test_a_frozen_master_leads_no_more_so_that_the_slave_s_time_alone_counts_from_then() -> None:
+    """It led until it declutched, 1.5 s later: for so long the tool pressed with nobody to see."""
+    world = World(PRESS, there=Impairment(), back=dark(2000, 3000))
+    asked, states = [], []
+    for _ in range(4000):
+        world.step()
+        motion = world.slave.endpoint.motion
+        asked.append(motion is not None and motion.engaged)
+        states.append(world.master.engagement.state)
+    frozen = states.index(LinkState.FROZEN)
+    assert asked[frozen - 1]
+    assert not any(asked[frozen + 1 : 2990])
+    assert asked[3100], "and again with the first news"
+    assert states[-1] == LinkState.ENGAGED
+
+
 def test_news_after_a_freeze_bring_neither_a_step_of_force_nor_of_the_target() -> None:
     moving = Script((0, 0), (1, 0.02), (2.2, 0.02), (4.2, 0.016), (9, 0.016))
     world = World(moving, there=dark(2000, 3500), back=dark(2000, 3500))
