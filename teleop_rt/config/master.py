@@ -63,7 +63,10 @@ class MasterConfig(Section):
     )
     offset_speed: Velocity = Field(
         gt=0,
-        description="Speed at which the offset between hand and slave is removed out of contact.",
+        description=(
+            "Largest speed at which the offset between hand and slave is removed out of contact: "
+            "by at most half of the hand's own motion, so that a hand at rest moves nothing."
+        ),
     )
     position_scale: float = Field(
         1.0,

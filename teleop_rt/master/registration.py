@@ -31,8 +31,10 @@ Their spring gives at once the force that the hand feels at that moment, o = x_m
 (f/k)^(1/n): no jump, no push, and the slave comes back to where the environment gives the
 operator's force.
 
-The offset vanishes only out of contact, at `offset_speed`, and never moves x_v into a wall or
-closer than `clearance` to it: the slave is not driven into anything by a hand at rest.
+The offset vanishes only out of contact, while the hand moves: by at most half of its motion, so
+that the tool goes where the hand goes, at 0.5 to 1.5 times its pace, and at most at
+`offset_speed`. It never moves x_v into a wall or closer than `clearance` to it, and motion within
+`REST_SHARE` of that, as of a trembling encoder, is rest: a hand at rest drives the slave nowhere.
 """
 
 from __future__ import annotations
@@ -42,6 +44,11 @@ import math
 from teleop_rt.link.messages import StateMessage
 from teleop_rt.master.walls import Wall
 
+VANISHING_SHARE = 0.5
+"""Of the hand's motion, by which the offset vanishes: 1 would stop the tool of a hand that
+withdraws, and more would drive it against the hand."""
+REST_SHARE = 0.1
+"""Of the clearance: the play within which motion of the hand counts as rest."""
 PHANTOM_STATES = 20
 """States in a row that must find free space inside the wall before it is withdrawn."""
 
@@ -57,6 +64,7 @@ class Registration:
     def reset(self) -> None:
         """Forget the offset."""
         self.offset = 0.0
+        self._moved_from = 0.0
 
     def index(self, hand: float, slave: float) -> None:
         """Count the hand's motion from where the slave stands."""
@@ -76,12 +84,18 @@ class Registration:
 
     def relax(self, hand: float, wall: Wall, dt_s: float) -> None:
         """Let some of the offset vanish; only to be called out of contact."""
-        step = self._offset_speed * dt_s
+        step = min(self._offset_speed * dt_s, VANISHING_SHARE * self._motion(hand))
         if self.offset < 0:
             self.offset = min(0.0, self.offset + step)
         elif self.offset > 0:
             nearest = hand - (wall.surface - self._clearance)
             self.offset = min(self.offset, max(0.0, self.offset - step, nearest))
+
+    def _motion(self, hand: float) -> float:
+        """Return by how much the hand has moved since the last call, beyond a play."""
+        before, play = self._moved_from, REST_SHARE * self._clearance
+        self._moved_from = min(max(before, hand - play), hand + play)
+        return abs(self._moved_from - before)
 
 
 class PhantomWatch:

@@ -77,7 +77,8 @@ def test_while_the_hand_keeps_still_after_contact_the_slave_rests_on_the_surface
 
 
 def test_on_a_later_contact_the_hand_meets_the_known_wall_first_and_no_offset_is_made() -> None:
-    script = Script((0, 0), (1, 0.03), (1.3, -0.03), (4.5, -0.03), (5.5, 0.016), (9, 0.016))
+    away = ((1.3, -0.03), (2.3, -0.05), (3.3, -0.03), (4.5, -0.03))
+    script = Script((0, 0), (1, 0.03), *away, (5.5, 0.016), (9, 0.016))
     world = World(script, there=delayed(400))
     rows = world.run(8500)
     offset, force = rows[:, COLUMN["offset"]], rows[:, COLUMN["rendered_force"]]
@@ -127,18 +128,52 @@ def test_a_refined_surface_never_moves_the_wall_under_the_hand() -> None:
     assert world.master.force == pytest.approx(pressed - 3600 * 0.002, rel=1e-3)
 
 
-def test_the_offset_vanishes_out_of_contact_at_its_speed_and_not_into_the_wall() -> None:
+def offset_behind_a_wall() -> tuple[Registration, Wall]:
+    """Return an offset of 5 mm, and the wall that made it, at 10 mm."""
     registration, wall = Registration(0.02, 0.0006), Wall(0.01, 1000.0)
     registration.adopt_at_hand(0.015, wall)
     assert registration.offset == pytest.approx(0.005)
+    return registration, wall
+
+
+def test_the_offset_vanishes_out_of_contact_at_its_speed_and_not_into_the_wall() -> None:
+    registration, wall = offset_behind_a_wall()
     registration.relax(0.012, wall, DT_S)
     assert registration.offset == pytest.approx(0.005 - 0.02 * DT_S)
-    for _ in range(1000):
-        registration.relax(0.012, wall, DT_S)
-    assert 0.012 - registration.offset == pytest.approx(0.01 - 0.0006)
-    for _ in range(1000):
-        registration.relax(0.0, wall, DT_S)
+    for tick in range(2000):
+        hand, before = 0.012 + 0.002 * math.sin(0.1 * tick), registration.offset
+        registration.relax(hand, wall, DT_S)
+        moved = registration.offset < before
+        assert not moved or hand - registration.offset <= 0.01 - 0.0006 + 1e-12
+    assert 0.010 - registration.offset == pytest.approx(0.01 - 0.0006, abs=1e-5)
+    for tick in range(1000):
+        registration.relax(-1e-4 * tick, wall, DT_S)
     assert registration.offset == 0.0
+
+
+def test_a_handle_at_rest_keeps_its_offset() -> None:
+    """The tool then came 16.4 mm nearer to the wall, with nobody at the handle."""
+    registration, wall = offset_behind_a_wall()
+    offsets = []
+    for tick in range(3000):
+        registration.relax(0.005 + 0.00005 * (-1) ** tick, wall, DT_S)
+        offsets.append(registration.offset)
+    assert offsets[2] == offsets[-1] > 0.0049, "nor does a trembling encoder move the tool"
+
+
+@pytest.mark.parametrize("speed", [-0.1, -0.01, 0.01, 0.1])
+def test_the_tool_goes_where_the_hand_goes_while_the_offset_vanishes(speed: float) -> None:
+    registration, wall = offset_behind_a_wall()
+    hand, own = -0.02, speed * DT_S
+    registration.relax(hand, wall, DT_S)
+    began = registration.offset
+    for _ in range(200):
+        before, x = registration.offset, hand - registration.offset
+        hand += own
+        registration.relax(hand, wall, DT_S)
+        assert 0.5 - 1e-9 <= (hand - registration.offset - x) / own <= 1.5 + 1e-9
+        assert before - registration.offset <= 0.02 * DT_S + 1e-12
+    assert registration.offset < began
 
 
 def test_a_phantom_wall_is_withdrawn_by_limited_steps_and_without_energy() -> None:
