@@ -119,6 +119,31 @@ def test_a_given_surface_far_from_the_onset_of_force_is_contradicted(
     assert any("the force begins at 0.005" in note for note in notes) == contradicted
 
 
+@pytest.mark.parametrize("surface", [2e-3, 9e-3])
+def test_no_effect_is_named_for_a_mistaken_surface(surface: float) -> None:
+    answer = diagnose(pressed(), "kelvin-voigt", surface=surface).answer
+    assert answer["verdict"] == "no_missing_effect"
+    assert answer["base"]["parameters"]["surface"]["value"] == pytest.approx(5e-3, abs=1e-5)
+    assert any("it was found instead" in note for note in answer["notes"])
+
+
+def test_a_mistaken_surface_changes_no_name_and_no_error_on_a_test_recording() -> None:
+    first, test = rubbing(seed=1), rubbing(seed=2)
+    answers = [diagnose(first, test=test, surface=given).answer for given in (None, 0.0)]
+    assert [list(one["probability"]) for one in answers] == [["coulomb_friction"]] * 2
+    errors = [one["error"]["std_normalised"]["after"] for one in answers]
+    assert errors[1] == pytest.approx(errors[0], rel=0.05)
+
+
+def rubbing(seed: int) -> Recording:
+    """Return such presses with dry friction of 0.6 N, in air as well."""
+    clean, draw = pressed(), np.random.default_rng(seed)
+    speed = np.gradient(clean.position, clean.dt)
+    smooth = np.convolve(speed, np.ones(9) / 9.0, "same")
+    noise = 0.03 * draw.standard_normal(speed.size)
+    return replace(clean, force=clean.force + 0.6 * np.tanh(smooth / 2e-3) + noise)
+
+
 def test_a_gap_is_no_lost_contact_and_no_limiter() -> None:
     answer = diagnose(pressed(gap=True), "kelvin-voigt").answer
     assert answer["verdict"] == "no_missing_effect"

@@ -14,12 +14,11 @@ from teleop_rt.diagnosis.inference.explanation import highest_probability
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.samples.held import HELD, HELD_ABOUT, LEFT
-from teleop_rt.diagnosis.samples.onset import onset
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
-from teleop_rt.diagnosis.samples.surface import doubtful_unit, surface_of
+from teleop_rt.diagnosis.samples.surface import doubtful_unit, onset_far_from, surface_of
 from teleop_rt.recordings.recording import Recording
-from teleop_rt.recordings.rows import stretches, without_lone
+from teleop_rt.recordings.rows import stretches
 
 STEPS_OF_MOTION = (
     "steps of the motion: the velocity jumps between two samples, as it does when the link jitters"
@@ -29,7 +28,6 @@ STEPS_OF_MOTION = (
 _MODELS = {"before": "the base", "after": "the model with the effects"}
 _FOREIGN = 0.5
 """Of the force's deviation; a larger error suggests that the recording is of another object."""
-_CONTRADICTED_SURFACE = 0.25  # of the depth; a nearer surface is the effect `contact_offset`
 _ROUNDED = 1e-3  # of a probability, as the answer states it
 _LEAST_OF_TIME = 0.1
 """Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
@@ -59,7 +57,7 @@ def _of_surface(base: Base, recording: Recording, surface: float | None) -> list
     if not base.touches:
         return []
     if surface is not None:
-        return _of_contradicted_surface(recording, surface)
+        return _of_contradicted_surface(base, recording, surface)
     if recording.surface is not None:
         return []
     note = ""
@@ -76,22 +74,20 @@ def _of_surface(base: Base, recording: Recording, surface: float | None) -> list
     return [note] if note else []
 
 
-def _of_contradicted_surface(recording: Recording, surface: float) -> list[str]:
+def _of_contradicted_surface(base: Base, recording: Recording, surface: float) -> list[str]:
     """Return the note on a given surface far from where the force of every approach begins."""
-    seen = onset(recording.position, without_lone(recording.force), recording.dt)
-    if seen is None or not seen.clear:
-        return []
-    apart = abs(seen.position - surface)
-    depth = float(np.max(recording.position)) - seen.position
-    if apart < max(_CONTRADICTED_SURFACE * depth, seen.within):
+    seen = onset_far_from(surface, recording)
+    if seen is None:
         return []
     unit = recording.units[0]
-    note = (
+    begins = (
         f"the force begins at {seen.position:.4g} {unit}, and the given surface is {surface:.4g}"
-        f" {unit}: if that is a mistake, names and parameters rest on it; give another --surface,"
-        " or none"
+        f" {unit}"
     )
-    return [note]
+    if base.finds_surface:
+        return [f"{begins}, with which the base predicts worse: it was found instead; correct it"]
+    found = "if that is a mistake, names and parameters rest on it; give another --surface, or none"
+    return [f"{begins}: {found}"]
 
 
 def _of_other_contact(base: Base, stated: str, surface: float | None) -> list[str]:

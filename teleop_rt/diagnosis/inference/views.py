@@ -26,7 +26,7 @@ from teleop_rt.diagnosis.samples.held import (
 )
 from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose
-from teleop_rt.diagnosis.samples.surface import surface_behind_weight
+from teleop_rt.diagnosis.samples.surface import onset_far_from, surface_behind_weight
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.recording import Recording
 
@@ -40,10 +40,15 @@ _WIDER = 3.0  # times the uncertainty whose bound a fit has reached
 
 
 class View(NamedTuple):
-    """A base, and its surface [rig unit], given for sure or guessed; None if unknown."""
+    """A base, and its surface [rig unit], given for sure or guessed; None if unknown.
+
+    `at_a_glance` it is dropped where its candidates all leave more, before it is confirmed. That
+    compares different samples where surfaces lie far apart.
+    """
 
     base: Base
     surface: float | Surface | None = None
+    at_a_glance: bool = True
 
 
 def judged(
@@ -75,7 +80,7 @@ def _with_surface_free(recording: Recording, made: Judged, effects: tuple[Effect
     while made.found.judgement.verdict != "no_missing_effect":
         if (view := _beyond_bound(made.found)) is None:
             break
-        wider = _judged(recording, view, effects, instead_of=made, at_a_glance=False)
+        wider = _judged(recording, view, effects, instead_of=made)
         if wider is made:
             break
         made = wider
@@ -96,7 +101,7 @@ def _beyond_bound(found: Diagnosis) -> View | None:
     if abs(shift) < _AT_BOUND * within:
         return None
     guess = Surface(found.problem.surface - shift, fixed=False, within=_WIDER * within)
-    return View(replace(fit.model.base, finds_surface=False), guess)
+    return View(replace(fit.model.base, finds_surface=False), guess, at_a_glance=False)
 
 
 def _judged(
@@ -104,19 +109,16 @@ def _judged(
     view: View,
     effects: tuple[Effect, ...],
     instead_of: Judged | None = None,
-    *,
-    at_a_glance: bool = True,
 ) -> Judged:
     """Return the judgement of a view, or the one that it would replace where it explains no more.
 
-    `at_a_glance` a view is dropped whose candidates all leave more, before it is confirmed. Raises
-    RecordingError if the view leaves no sample to judge.
+    Raises RecordingError if the view leaves no sample to judge.
     """
     if instead_of is not None and not _may_explain(recording, view, instead_of):
         return instead_of
     posed = partial(pose, recording, view.base, view.surface)
     weighed = in_rounds(posed, recording, effects)
-    glance = instead_of if at_a_glance else None
+    glance = instead_of if view.at_a_glance else None
     if glance is not None and _least_left(weighed) >= _left_by(glance):
         return glance
     made = confirmed(recording, weighed, effects)
@@ -129,13 +131,12 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
     If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
     weight. A body that pulls only a little is taken for one that the tool leaves first. A base
     without contact is that of contact where the tool leaves the body. A surface that is given may
-    be the rest of a body that is fixed to the tool.
+    be the rest of a body that is fixed to the tool, or a mistake: then the onset of force is used.
     """
     if surface is not None or recording.surface is not None:
         yield View(base, surface)
-        about_rest = bilateral(base, about_rest=True) if base.touches else None
-        if surface is not None and about_rest is not None and is_held(recording, SURE_PULL):
-            yield View(about_rest, surface)
+        if surface is not None and base.touches:
+            yield from _views_beside(recording, base, surface)
         return
     touching = base if base.touches else unilateral(base)
     held = bilateral(base) if base.touches else base
@@ -151,6 +152,15 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
     yield from (View(one) for one in order if one is not None)
     if (hidden := surface_behind_weight(recording)) is not None:
         yield View(touching, hidden)
+
+
+def _views_beside(recording: Recording, base: Base, surface: float) -> Iterator[View]:
+    """Give the views beside that of contact at a given surface."""
+    about_rest = bilateral(base, about_rest=True)
+    if about_rest is not None and is_held(recording, SURE_PULL):
+        yield View(about_rest, surface)
+    if onset_far_from(surface, recording) is not None:
+        yield View(base, at_a_glance=False)
 
 
 def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
@@ -183,19 +193,24 @@ def _explains_more(other: Judged, made: Judged) -> bool:
 
     Beside a judgement that names nothing complete, one that does must only err less. The errors are
     those of held-out blocks, on the samples in contact that both views use; of less than a
-    twentieth of the first one's nothing follows. An effect that stands in for the base's own spring
-    is one of these effects only in part.
+    twentieth of the first one's nothing follows. They differ by chance: an effect less is worth
+    one parameter's term of the Bayesian information criterion. An effect that stands in for the
+    base's own spring is one of these effects only in part.
     """
     found = [one.blocks.predicted(one.found.predicts, 0.0) for one in (other, made)]
     used = [one.where > 0.0 for one in found]
     both = used[0] & used[1]
-    if np.count_nonzero(both) < _LEAST_COMMON * np.count_nonzero(used[1]):
+    n = np.count_nonzero(both)
+    if n < _LEAST_COMMON * np.count_nonzero(used[1]):
         return False
     error, most = (float(np.sqrt(np.mean((f.problem.force - f.after)[both] ** 2))) for f in found)
     instead_of_base = int(_without_its_spring(made.found))
     fewer = len(other.found.predicts.names) < len(made.found.predicts.names) + instead_of_base
     names = made.inconclusive and other.found.judgement.verdict in {"named", "class"}
-    return REDRAWN_NOISE_RATIO * error < most or (error <= most and (fewer or names))
+    no_more = 2.0 * n * np.log(error / most) <= np.log(n)
+    return bool(
+        REDRAWN_NOISE_RATIO * error < most or (fewer and no_more) or (names and error <= most)
+    )
 
 
 def _without_its_spring(found: Diagnosis) -> bool:

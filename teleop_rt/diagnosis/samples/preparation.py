@@ -66,9 +66,10 @@ def pose(
 def pose_again(recording: Recording, base: Base, surface: float | None, found: Problem) -> Problem:
     """Return the problem of another recording of the same object as `found`.
 
-    An estimated surface is kept if the onset of force in this recording is near it.
+    An estimated surface is kept if the onset of force in this recording is near it. A base that
+    finds its surface does so where `surface` was given and contradicted, too.
     """
-    if surface is not None or not base.finds_surface:
+    if not base.finds_surface:
         place = surface_of(recording).position if surface is None and base.touches else surface
         return problem_of(recording, base, place or 0.0)
     guess = surface_of(recording)

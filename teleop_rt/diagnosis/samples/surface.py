@@ -17,6 +17,7 @@ from teleop_rt.recordings.recording import Recording
 from teleop_rt.recordings.rows import bulk, force_noise, without_lone
 
 _ZERO_SURFACE_SHARE = 0.25  # of the depth; a surface guessed nearer to 0 may be 0
+_CONTRADICTED_SHARE = 0.25  # of the depth; a nearer surface is the effect `contact_offset`
 _BEGIN_SHARE = 0.01  # of travel and force, below which both are at their beginning
 _GUESS_ERROR = 1.5  # of the estimated depth: uncertainty of a surface that was never left
 _MIN_USABLE_SAMPLES = 20  # in contact; fewer leave no block to test stiffness and damping
@@ -79,6 +80,16 @@ def surface_behind_weight(recording: Recording) -> Surface | None:
     if found and seen and abs(seen.position - found.position) < seen.within:
         return None
     return found
+
+
+def onset_far_from(surface: float, recording: Recording) -> Surface | None:
+    """Return the clear onset of force, if it lies too far from a given surface to be an offset."""
+    seen = onset(recording.position, without_lone(recording.force), recording.dt)
+    if seen is None or not seen.clear:
+        return None
+    depth = float(np.max(recording.position)) - seen.position
+    apart = abs(seen.position - surface)
+    return seen if apart >= max(_CONTRADICTED_SHARE * depth, seen.within) else None
 
 
 def _side(force: Vector, noise: float) -> int:
