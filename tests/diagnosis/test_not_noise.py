@@ -134,6 +134,36 @@ def test_a_motor_that_runs_up_is_no_noise(seed: int) -> None:
     assert "frequency changes" in notes
 
 
+@pytest.mark.parametrize("seed", cases(11, 12, 13))
+def test_a_tone_that_runs_up_under_the_white_noise_of_a_sensor_is_no_noise(seed: int) -> None:
+    turned = 2.0 * np.pi * (3.0 * _T + 7.0 * _T**2 / _T[-1])
+    verdict, notes = _judged(_recorded(_swung(), 1.5 * NOISE_N * np.sin(turned), seed))
+    assert verdict == "unexplained"
+    assert "frequency changes" in notes
+
+
+@pytest.mark.parametrize("seed", cases(11, 12, 13))
+def test_a_level_that_jumps_now_and_then_under_white_noise_is_no_noise(seed: int) -> None:
+    flips = np.random.default_rng(100 + seed).random(_T.size) < 0.004
+    level = 1.5 * NOISE_N * (-1.0) ** np.cumsum(flips)
+    verdict, notes = _judged(_recorded(_swung(), level, seed))
+    assert verdict == "unexplained"
+    assert "jumps" in notes
+
+
+@pytest.mark.parametrize("seed", cases(31, 32, 33))
+def test_a_part_that_is_stretched_and_slips_is_no_noise(seed: int) -> None:
+    """Its force rises by itself to a limit, a new one each time, and falls at once."""
+    rng, force, limit = np.random.default_rng(seed), np.zeros(_T.size), 0.02
+    for i in range(1, _T.size):
+        force[i] = force[i - 1] + 0.02 * DT_S / 0.4
+        if force[i] > limit:
+            force[i], limit = 0.0, rng.uniform(0.01, 0.03)
+    verdict, notes = _judged(_recorded(_swung(), force, seed))
+    assert verdict == "unexplained"
+    assert "sticks and slips" in notes
+
+
 @pytest.mark.parametrize("seed", cases(21, 22, 23))
 def test_a_frame_that_rings_at_moments_of_its_own_is_no_noise(seed: int) -> None:
     """Its tones have phases of their own: their sum lies to no side and repeats nowhere."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Matrix, Vector
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.least_squares import explained
 from teleop_rt.diagnosis.noise.encoder import converter_errors, force_errors
@@ -37,10 +37,14 @@ _PULSE_SIGMAS = 3.0  # of a residual, at which its values are cut: some rare sam
 _STROKES = 4  # of a window in which a residual may follow the motion: two cycles
 _FEWEST_WINDOWS = 4  # of fewer, noise of a narrow band follows by chance
 _FOLLOWING, _FOLLOWING_RATIO = 0.5, 4.0  # share of a window's power; odds over those of draws
-_WINDOWS = 24  # of a recording, in each of which the kurtosis of a residual is taken
+_WINDOWS = 24  # of a recording, in each of which kurtosis is taken: two levels have 1, a tone 1.5
 _BURST_S, _FEWEST_OF_WINDOW = 0.1, 8  # s and samples of a window whose power is taken
 _BURST_RATIO = 1.5  # of mean to median power, over that of draws, at which bursts hold a third
-_FLATTEST = 1.8  # kurtosis of an even distribution; two levels have 1, a tone 1.5, noise has 3
+_FLAT_RATIO = 0.8  # of kurtosis, over that of draws; of 100 noises none has less than 0.9
+_NORMAL_KURTOSIS = 3.0  # of normally distributed values
+_LAGS = (1, 2, 4, 8, 16, 32, 64, 128)  # samples, over which changes are taken
+_JUMPS_RATIO = 1.6  # the same of changes; of these noises none has 1.1
+_LEAST_COLOURED = 0.1  # of the power of noise; less beside white noise is chance
 
 
 class Signature(NamedTuple):
@@ -48,14 +52,13 @@ class Signature(NamedTuple):
 
     `repeats` is the correlation of its halves by place, `levels` the largest deviation of a group
     of samples over the smallest, by each of `_CAUSES`, `skew` how far it lies to one side,
-    without its sign, `flatness` the kurtosis within short times, `bursts` the mean power of short
-    windows over their median, and `follows` the share that a few cycles of the motion explain.
+    without its sign, `bursts` the mean power of short windows over their median, and `follows` the
+    share that a few cycles of the motion explain.
     """
 
     repeats: float
     levels: Vector
     skew: float
-    flatness: float
     bursts: float
     follows: float
 
@@ -67,10 +70,9 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     (`errors`, at least one) and converter through the fit.
     """
     used = problem.whitener.mask > 0.0
-    residual = problem.residual(fit)
-    seen = _signature(residual, problem.motion, used)
-    drawn = [_signature(row, problem.motion, used) for row in _draws(problem, fit, errors)]
-    repeats, levels, skew, flatness, bursts, follows = (
+    rows = np.vstack((problem.residual(fit), _draws(problem, fit, errors)))
+    seen, *drawn = (_signature(row, problem.motion, used) for row in rows)
+    repeats, levels, skew, bursts, follows = (
         np.array(values) for values in zip(*drawn, strict=True)
     )
     found = []
@@ -93,12 +95,6 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
             " at some moments, such as a muscle's, a valve's or a knock; the figure of the residual"
             " shows when"
         )
-    if seen.flatness < min(_FLATTEST, float(np.min(flatness))):
-        found.append(
-            "the base's residual looks like noise, but has an even amplitude: it jumps between two"
-            " levels (check plugs and wires of the force sensor, and its mount for play), or is a"
-            " tone whose frequency changes, as of a motor that runs up"
-        )
     if seen.bursts > _BURST_RATIO * float(np.max(bursts)):
         found.append(
             "the base's residual has the spectrum of noise, but comes in bursts (the mean power of"
@@ -110,6 +106,31 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
             "the base's residual has the spectrum of noise, but follows the motion for some cycles"
             f" ({seen.follows:.0%} of it is proportional to position and velocity there): the body,"
             " or a gain, changes in time, or something swings with the motion"
+        )
+    return found + _beside_white_noise(problem, rows)
+
+
+def _beside_white_noise(problem: Problem, rows: Matrix) -> list[str]:
+    """Return the properties, not those of noise, of a residual's part beside the sensor's noise.
+
+    `rows` are the residual and the draws. White noise, which most sensors have, would hide them.
+    """
+    used = problem.whitener.mask > 0.0
+    coloured, share = problem.whitener.coloured(rows)
+    rows = coloured if share > _LEAST_COLOURED else rows
+    flatness, *flat = (_flatness(row[used]) for row in rows)
+    jumps = np.array([_jumps(row, used) for row in rows])
+    found = []
+    if flatness < _FLAT_RATIO * min(flat):
+        found.append(
+            "the base's residual looks like noise, but has an even amplitude: it jumps between two"
+            " levels (check plugs and wires of the force sensor, and its mount for play), or is a"
+            " tone whose frequency changes, as of a motor that runs up"
+        )
+    elif np.any(jumps[0] > _JUMPS_RATIO * np.max(jumps[1:], axis=0)):
+        found.append(
+            "the base's residual has the spectrum of noise, but jumps: a loose plug or wire, or a"
+            " part that sticks and slips; the figure of the residual shows when"
         )
     return found
 
@@ -130,7 +151,6 @@ def _signature(row: Vector, motion: RecordedMotion, used: NDArray[np.bool_]) -> 
         _repeats(rest, motion.x[used], motion.v[used]),
         np.array([_level_ratio(rest[order]) for order in orders]),
         _skew(rest, _PULSE_SIGMAS * float(np.sqrt(power))),
-        _flatness(rest),
         _bursts(row - np.mean(row[used]), used, motion.dt),
         _follows(rest, motion.x[used], motion.v[used]),
     )
@@ -156,11 +176,25 @@ def _skew(rest: Vector, most: float) -> float:
 
 def _flatness(rest: Vector) -> float:
     """Return the median kurtosis of windows, which a slow change of the level leaves as it is."""
+    return float(np.median([_kurtosis(window) for window in np.array_split(rest, _WINDOWS)]))
+
+
+def _jumps(row: Vector, used: NDArray[np.bool_]) -> Vector:
+    """Return the kurtosis of the changes over each of `_LAGS`, large where few values change.
+
+    Large changes are cut, so that some rare ones do not count.
+    """
     found = []
-    for window in np.array_split(rest, _WINDOWS):
-        row = window - np.mean(window)
-        found.append(float(np.mean(row**4)) / max(float(np.mean(row**2)) ** 2, 1e-300))
-    return float(np.median(found))
+    for lag in _LAGS:
+        changes = (row[lag:] - row[:-lag])[used[lag:] & used[:-lag]]
+        most = _PULSE_SIGMAS * float(np.std(changes)) if changes.size else 0.0
+        found.append(_kurtosis(np.clip(changes, -most, most)) if most else _NORMAL_KURTOSIS)
+    return np.array(found)
+
+
+def _kurtosis(row: Vector) -> float:
+    rest = row - np.mean(row)
+    return float(np.mean(rest**4)) / max(float(np.mean(rest**2)) ** 2, 1e-300)
 
 
 def _bursts(row: Vector, used: NDArray[np.bool_], dt: float) -> float:

@@ -23,6 +23,7 @@ _SUPPORTING_BINS = 8.0  # bins that determine the noise level; below them it is 
 _LOWEST_OCTAVE_BINS = 8  # bins of the lowest octave in which noise is bounded
 _LARGEST_DENSITY_RATIO = 4.0  # times the residual power of an octave that noise may have
 _LEAST_UNKNOWN = 1e-6  # of a density; encoder errors may be all of the noise
+_FLOOR_QUANTILE = 0.2  # of the densities: the white noise of a sensor lies at most bins
 _LOWEST_BIN = 0.25
 """The mean of a recording is attributed to two octaves below one period of it."""
 
@@ -114,6 +115,17 @@ class Whitener:
         scale = np.sqrt(2.0 / self.density)
         scale[0] /= np.sqrt(2.0)
         return np.asarray(scale, dtype=np.float64)
+
+    def coloured(self, rows: Matrix) -> tuple[Matrix, float]:
+        """Return rows of samples without their white part, by Wiener's filter, and its power share.
+
+        The share is that of the rest in the power of the noise.
+        """
+        floor = float(np.quantile(self.density, _FLOOR_QUANTILE))
+        gain = np.zeros(self.mask.size // 2 + 1)
+        gain[1 : self.bins] = 1.0 - floor / np.maximum(self.density[1:], floor)
+        share = float(gain[: self.bins] @ self.density) / float(np.sum(self.density))
+        return np.fft.irfft(np.fft.rfft(rows * self.mask) * gain, self.mask.size), share
 
     def evenly(self, deviation: float) -> Whitener:
         """Return a whitener of the same samples and band for white noise of this deviation."""
