@@ -40,10 +40,11 @@ _FOLLOWING, _FOLLOWING_RATIO = 0.5, 4.0  # share of a window's power; odds over 
 _WINDOWS = 24  # of a recording, in each of which kurtosis is taken: two levels have 1, a tone 1.5
 _BURST_S, _FEWEST_OF_WINDOW = 0.1, 8  # s and samples of a window whose power is taken
 _BURST_RATIO = 1.5  # of mean to median power, over that of draws, at which bursts hold a third
-_FLAT_RATIO = 0.8  # of kurtosis, over that of draws; of 100 noises none has less than 0.9
-_NORMAL_KURTOSIS = 3.0  # of normally distributed values
+_FLAT_RATIO = 0.8  # of kurtosis, over that of draws; of 180 noises none has less than 0.9
+_BOTH_SIDES = np.array([-1.0, 1.0])
 _LAGS = (1, 2, 4, 8, 16, 32, 64, 128)  # samples, over which changes are taken
-_JUMPS_RATIO = 1.6  # the same of changes; of these noises none has 1.1
+_JUMPS_RATIO = 1.5  # the same of changes; of 180 noises none has 1.2
+_JUMP_PARTS = 6  # of a recording, most of which show jumps
 _LEAST_COLOURED = 0.1  # of the power of noise; less beside white noise is chance
 
 
@@ -182,13 +183,15 @@ def _flatness(rest: Vector) -> float:
 def _jumps(row: Vector, used: NDArray[np.bool_]) -> Vector:
     """Return the kurtosis of the changes over each of `_LAGS`, large where few values change.
 
-    Large changes are cut, so that some rare ones do not count.
+    It is the median over parts of the recording, and large changes are cut: some rare ones, as
+    where a heavy tool is struck, do not count.
     """
     found = []
     for lag in _LAGS:
         changes = (row[lag:] - row[:-lag])[used[lag:] & used[:-lag]]
-        most = _PULSE_SIGMAS * float(np.std(changes)) if changes.size else 0.0
-        found.append(_kurtosis(np.clip(changes, -most, most)) if most else _NORMAL_KURTOSIS)
+        parts = (part for part in np.array_split(changes, _JUMP_PARTS) if np.any(part))
+        cut = [np.clip(part, *_PULSE_SIGMAS * np.std(part) * _BOTH_SIDES) for part in parts]
+        found.append(float(np.median([_kurtosis(part) for part in cut])) if cut else 0.0)
     return np.array(found)
 
 
