@@ -13,6 +13,7 @@ from teleop_rt.diagnosis.criteria import NAMED_SHARE, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.explanation import highest_probability
 from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.samples.free import FREE
 from teleop_rt.diagnosis.samples.held import HELD, HELD_ABOUT, LEFT
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
@@ -91,9 +92,11 @@ def _of_contradicted_surface(base: Base, recording: Recording, surface: float) -
 
 
 def _of_other_contact(base: Base, stated: str, surface: float | None) -> list[str]:
-    """Return the note on a base that was exchanged: the body is fixed to the tool, or is left."""
+    """Return the note on a base that was exchanged: a body is fixed, or left, or there is none."""
     if base.touches == base_of(stated).touches:
         return []
+    if base.moves_mass and not base.touches and not base_of(stated).has_mass:
+        return [FREE.format(base=base.name, stated=stated)]
     held = HELD if surface is None else HELD_ABOUT
     return [(LEFT if base.touches else held).format(base=base.name, stated=stated)]
 

@@ -16,7 +16,8 @@ from teleop_rt.diagnosis.inference.confirmed import Judged, confirmed
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, in_rounds
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models import held_out
-from teleop_rt.diagnosis.models.base import Base
+from teleop_rt.diagnosis.models.base import Base, base_of
+from teleop_rt.diagnosis.samples.free import moves_freely
 from teleop_rt.diagnosis.samples.held import (
     SURE_PULL,
     bilateral,
@@ -26,7 +27,11 @@ from teleop_rt.diagnosis.samples.held import (
 )
 from teleop_rt.diagnosis.samples.onset import Surface
 from teleop_rt.diagnosis.samples.preparation import pose
-from teleop_rt.diagnosis.samples.surface import onset_far_from, surface_behind_weight
+from teleop_rt.diagnosis.samples.surface import (
+    has_clear_onset,
+    onset_far_from,
+    surface_behind_weight,
+)
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.recording import Recording
 
@@ -36,6 +41,8 @@ _LIKELIEST = 3  # candidates of which one shows the residual that a view of the 
 
 _AT_BOUND = 0.99  # of a surface's uncertainty; a fit beyond it is cut off by the bound
 _EMPTY = 0.1  # of the force over the travel; a base with a softer spring has none
+_FREE = ("mass-damper", "mass,spring,viscous,bias")  # bases of a drive that touches nothing
+_TOUCHED = "mass,stiffness,damping"  # base of a drive, for whose free motion another one is stated
 _WIDER = 3.0  # times the uncertainty whose bound a fit has reached
 
 
@@ -43,7 +50,7 @@ class View(NamedTuple):
     """A base, and its surface [rig unit], given for sure or guessed; None if unknown.
 
     `at_a_glance` it is dropped where its candidates all leave more, before it is confirmed. That
-    compares different samples where surfaces lie far apart.
+    compares different samples where surfaces lie far apart, or there is none.
     """
 
     base: Base
@@ -60,7 +67,7 @@ def judged(
     only mends that.
     """
     views = _views(recording, base, surface)
-    made = _with_surface_free(recording, _judged(recording, next(views), effects), effects)
+    made = _first(recording, views, effects)
     while made.found.judgement.verdict != "no_missing_effect":
         if (view := next(views, None)) is None:
             break
@@ -69,6 +76,21 @@ def judged(
             if other is not made:
                 made = _with_surface_free(recording, other, effects)
     return made
+
+
+def _first(recording: Recording, views: Iterator[View], effects: tuple[Effect, ...]) -> Judged:
+    """Return the judgement of the first view; of the next one where a drive only moves freely.
+
+    Raises RecordingError if no sample is usable, as where a contact seems to have a wrong sign.
+    """
+    try:
+        made = _judged(recording, next(views), effects)
+    except RecordingError:
+        free = next((view for view in views if not view.base.touches), None)
+        if free is None or not moves_freely(recording):
+            raise
+        return _judged(recording, free, effects)
+    return _with_surface_free(recording, made, effects)
 
 
 def _with_surface_free(recording: Recording, made: Judged, effects: tuple[Effect, ...]) -> Judged:
@@ -128,10 +150,11 @@ def _judged(
 def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[View]:
     """Give the views of the contact, likeliest first.
 
-    If no surface is given, the body may be fixed to the tool, or its onset may hide behind a
-    weight. A body that pulls only a little is taken for one that the tool leaves first. A base
-    without contact is that of contact where the tool leaves the body. A surface that is given may
-    be the rest of a body that is fixed to the tool, or a mistake: then the onset of force is used.
+    If no surface is given, the body may be fixed to the tool, its onset may hide behind a weight,
+    or the drive may touch nothing. A body that pulls only a little is taken for one that the tool
+    leaves first. A base without contact is that of contact where the tool leaves the body, or meets
+    one. A surface that is given may be the rest of a body that is fixed to the tool, or a mistake:
+    then the onset of force is used.
     """
     if surface is not None or recording.surface is not None:
         yield View(base, surface)
@@ -142,6 +165,9 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
     held = bilateral(base) if base.touches else base
     if touching is None:
         yield View(base)
+        if not moves_freely(recording) and has_clear_onset(recording):
+            touched = base_of(_TOUCHED if base.has_mass else "kelvin-voigt")
+            yield View(touched, at_a_glance=False)
         return
     if base.touches:
         pulls = held is not None and is_held(recording)
@@ -150,6 +176,8 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
     else:
         order = [touching] if is_left(recording) else [base, touching]
     yield from (View(one) for one in order if one is not None)
+    if base.touches and moves_freely(recording):
+        yield from (View(base_of(name), at_a_glance=False) for name in _FREE)
     if (hidden := surface_behind_weight(recording)) is not None:
         yield View(touching, hidden)
 
@@ -195,7 +223,7 @@ def _explains_more(other: Judged, made: Judged) -> bool:
     those of held-out blocks, on the samples in contact that both views use; of less than a
     twentieth of the first one's nothing follows. They differ by chance: an effect less is worth
     one parameter's term of the Bayesian information criterion. An effect that stands in for the
-    base's own spring is one of these effects only in part.
+    base's own spring counts twice.
     """
     found = [one.blocks.predicted(one.found.predicts, 0.0) for one in (other, made)]
     used = [one.where > 0.0 for one in found]
@@ -204,13 +232,17 @@ def _explains_more(other: Judged, made: Judged) -> bool:
     if n < _LEAST_COMMON * np.count_nonzero(used[1]):
         return False
     error, most = (float(np.sqrt(np.mean((f.problem.force - f.after)[both] ** 2))) for f in found)
-    instead_of_base = int(_without_its_spring(made.found))
-    fewer = len(other.found.predicts.names) < len(made.found.predicts.names) + instead_of_base
+    fewer = _terms(other.found) < _terms(made.found)
     names = made.inconclusive and other.found.judgement.verdict in {"named", "class"}
     no_more = 2.0 * n * np.log(error / most) <= np.log(n)
     return bool(
         REDRAWN_NOISE_RATIO * error < most or (fewer and no_more) or (names and error <= most)
     )
+
+
+def _terms(found: Diagnosis) -> int:
+    """Return the number of effects, one more where one of them is the base's own spring."""
+    return len(found.predicts.names) + int(_without_its_spring(found))
 
 
 def _without_its_spring(found: Diagnosis) -> bool:

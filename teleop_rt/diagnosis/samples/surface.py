@@ -6,6 +6,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
+from teleop_rt.diagnosis.samples.free import moves_freely
 from teleop_rt.diagnosis.samples.onset import (
     MIN_CONTACT_SAMPLES,
     Surface,
@@ -60,6 +61,8 @@ def surface_of(recording: Recording) -> Surface:
             " press harder, or name another column with --columns force=NAME"
         )
     _refuse_turned_force(recording.name, position, force, noise)
+    if not moves_freely(recording):
+        _refuse_turned_position(recording.name, position, force, noise)
     found = onset(position, force, recording.dt)
     if found is None or not found.clear:
         _refuse_both_turned(recording.name, position, force, noise)
@@ -80,6 +83,12 @@ def surface_behind_weight(recording: Recording) -> Surface | None:
     if found and seen and abs(seen.position - found.position) < seen.within:
         return None
     return found
+
+
+def has_clear_onset(recording: Recording) -> bool:
+    """Return whether an approach clearly shows where the force of a contact begins."""
+    seen = onset(recording.position, without_lone(recording.force), recording.dt)
+    return seen is not None and seen.clear
 
 
 def onset_far_from(surface: float, recording: Recording) -> Surface | None:
@@ -116,6 +125,16 @@ def _refuse_turned_force(name: str, position: Vector, force: Vector, noise: floa
         )
 
 
+def _refuse_turned_position(name: str, position: Vector, force: Vector, noise: float) -> None:
+    """Raise RecordingError if the force is positive and falls with the depth."""
+    if _falls(position, force) and _side(force, noise) > 0:
+        raise RecordingError(
+            f"{name}: wrong sign? the force rises to {bulk(force)[1]:.3g} the smaller the position"
+            " is, but it counts positive into the environment; turn it with a minus before the"
+            " column's name, --columns position=-NAME"
+        )
+
+
 def _refuse_both_turned(name: str, position: Vector, force: Vector, noise: float) -> None:
     """Raise RecordingError where the tool only pulls, and its force is even at large positions.
 
@@ -146,12 +165,7 @@ def refuse_turned(recording: Recording) -> None:
     if float(np.ptp(position)) == 0.0 or float(np.ptp(force)) <= _SIGMAS * noise:
         return
     _refuse_turned_force(name, position, force, noise)
-    if _falls(position, force) and _side(force, noise) > 0:
-        raise RecordingError(
-            f"{name}: wrong sign? the force rises to {bulk(force)[1]:.3g} the smaller the position"
-            " is, but it counts positive into the environment; turn it with a minus before the"
-            " column's name, --columns position=-NAME"
-        )
+    _refuse_turned_position(name, position, force, noise)
 
 
 def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
