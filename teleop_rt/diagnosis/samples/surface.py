@@ -130,8 +130,8 @@ def _refuse_turned_position(name: str, position: Vector, force: Vector, noise: f
     if _falls(position, force) and _side(force, noise) > 0:
         raise RecordingError(
             f"{name}: wrong sign? the force rises to {bulk(force)[1]:.3g} the smaller the position"
-            " is, but it counts positive into the environment; turn it with a minus before the"
-            " column's name, --columns position=-NAME"
+            " is, but it counts positive into the environment; turn the position with a minus"
+            " before the column's name, --columns position=-NAME"
         )
 
 
