@@ -121,7 +121,8 @@ class Effect:
     """One physical effect.
 
     `unit` strings use the placeholders {x} and {f} for the rig's units of position and force.
-    `sentence` is the report's sentence, with the parameters' names as placeholders. Several
+    `sentence` is the report's sentence, with the parameters' names as placeholders, `turned` the
+    one of a negative amplitude, which it names with a minus, as {-shift}. Several
     declarations may share a name: the name is the physics, the `law` one mathematical form of it.
     `like` are the names of a set that gives the same force while the tool moves: where the data
     do not exclude it, it stays in the answer beside this law.
@@ -149,6 +150,7 @@ class Effect:
     fades: int = 0
     extends: str | None = None
     moves_mass: bool = True
+    turned: str = ""
 
     @property
     def without_contact(self) -> bool:

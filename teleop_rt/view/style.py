@@ -246,9 +246,10 @@ def effect_in_words(effect: Mapping[str, Any]) -> str:
     """Return the sentence of an effect that was found, with its figures."""
     shown = {key: in_shown_unit(p) for key, p in effect["parameters"].items()}
     figures = {
-        key: "–"
+        f"{sign}{key}": "–"
         if p["value"] is None
-        else f"{p['value']:.4g} {printed(p['unit'])}".removesuffix(" 1")
+        else f"{factor * p['value']:.4g} {printed(p['unit'])}".removesuffix(" 1")
         for key, p in shown.items()
+        for sign, factor in (("", 1.0), ("-", -1.0))
     }
     return str(effect["template"]).format(**figures)

@@ -287,6 +287,27 @@ def test_a_bias_of_either_sign_reads_as_what_the_sensor_shows(bias):
     assert words == f"The force sensor reads {bias:.4g} N where the force is zero."
 
 
+@pytest.mark.parametrize(
+    ("name", "law", "words"),
+    [
+        ("moving_surface", "steady", "The surface comes nearer at 0.002 m/s."),
+        ("contact_offset", "", "The surface lies 0.002 m farther than assumed."),
+        ("softening", "", "Within unknown the stiffness rises by 0.002 N/m."),
+    ],
+)
+def test_the_sentence_of_a_negative_amplitude_says_so_in_words(
+    name: str, law: str, words: str
+) -> None:
+    effect = next(e for e in LIBRARY if (e.name, e.law) == (name, law))
+    unit = effect.amplitude.unit.format(x="m", f="N")
+    parameters = {shape.name: {"value": None, "std": None, "unit": "s"} for shape in effect.shapes}
+    parameters[effect.amplitude.name] = {"value": -0.002, "std": 1e-5, "unit": unit}
+    found = effect_entry(effect, parameters)
+    assert found["sentence"] == words
+    shown = effect_in_words(found).replace("–", "unknown")
+    assert shown.replace("2 mm", "0.002 m") == words
+
+
 def test_the_sentence_of_an_answer_has_the_figures_and_its_template_the_names() -> None:
     effect = find("second_layer")
     shown = {

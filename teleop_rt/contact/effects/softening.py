@@ -130,6 +130,7 @@ _HELD_SOFTENING = Effect(
     shapes=(replace(CENTRE, points=3), _LOSS_TIME),
     step=_weakened_on_both_sides,
     sentence="Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}.",
+    turned="Within {time_constant} the stiffness about {centre} rises by {-stiffness_lost}.",
     compensation="render",
     only_in_contact=False,
 )
@@ -143,6 +144,7 @@ EFFECTS = (
         shapes=(_LOSS_TIME,),
         step=_weakened,
         sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
+        turned="Within {time_constant} the stiffness rises by {-stiffness_lost}.",
         compensation="render",
     ),
     Effect(
@@ -158,6 +160,10 @@ EFFECTS = (
             "Within {time_constant} the stiffness falls by {stiffness_lost}, the damping by"
             " {damping_time} times that."
         ),
+        turned=(
+            "Within {time_constant} the stiffness rises by {-stiffness_lost}, the damping by"
+            " {damping_time} times that."
+        ),
         compensation="render",
         derivative_order=1,
     ),
@@ -169,6 +175,10 @@ EFFECTS = (
         step=_weakened_alike_on_both_sides,
         sentence=(
             "Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}, the"
+            " damping by {damping_time} times that."
+        ),
+        turned=(
+            "Within {time_constant} the stiffness about {centre} rises by {-stiffness_lost}, the"
             " damping by {damping_time} times that."
         ),
         derivative_order=1,
@@ -188,6 +198,10 @@ EFFECTS = (
             "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and"
             " {damping_time} times that off the damping."
         ),
+        turned=(
+            "Load adds {-loss_rate} to the stiffness, less after {load_time} of it, and"
+            " {damping_time} times that to the damping."
+        ),
         compensation="render",
         derivative_order=1,
     ),
@@ -201,6 +215,7 @@ EFFECTS = (
         shapes=(_LOSS_TIME, SPRING_POWER),
         step=_weakened_spring,
         sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
+        turned="Within {time_constant} the stiffness rises by {-stiffness_lost}.",
         compensation="render",
     ),
     Effect(
@@ -215,6 +230,10 @@ EFFECTS = (
         sentence=(
             "Within {time_constant} the stiffness falls by {stiffness_lost}, and the damping, which"
             " equals the spring at {damping_speed}, with it."
+        ),
+        turned=(
+            "Within {time_constant} the stiffness rises by {-stiffness_lost}, and the damping,"
+            " which equals the spring at {damping_speed}, with it."
         ),
         compensation="render",
         derivative_order=1,
@@ -231,6 +250,10 @@ EFFECTS = (
         state_size=1,
         sentence=(
             "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and off the"
+            " damping, which equals the spring at {damping_speed}."
+        ),
+        turned=(
+            "Load adds {-loss_rate} to the stiffness, less after {load_time} of it, and to the"
             " damping, which equals the spring at {damping_speed}."
         ),
         compensation="render",

@@ -111,6 +111,7 @@ def _refuse_misspelt(place: str, effect: Effect) -> None:
     names += [shape.name for shape in effect.shapes]
     try:
         effect.sentence.format(**dict.fromkeys(names, ""))
+        effect.turned.format(**dict.fromkeys([f"-{name}" for name in names] + names, ""))
     except (KeyError, IndexError, ValueError) as error:
         raise EffectError(
             f"{place}: the sentence of {effect.name} cannot be filled in: {error!r}; name only"

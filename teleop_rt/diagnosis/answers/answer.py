@@ -120,10 +120,11 @@ def parameters_of_effect(
 def _with_figures(sentence: str, parameters: dict[str, Any]) -> str:
     """Return an effect's sentence with its figures, in SI as the parameters beside it."""
     return sentence.format(**{
-        name: "unknown"
+        f"{sign}{name}": "unknown"
         if one["value"] is None
-        else f"{one['value']:.4g} {one['unit']}".removesuffix(" 1")
+        else f"{factor * one['value']:.4g} {one['unit']}".removesuffix(" 1")
         for name, one in parameters.items()
+        for sign, factor in (("", 1.0), ("-", -1.0))
     })  # fmt: skip
 
 
@@ -134,6 +135,8 @@ def effect_entry(
     absorbed: float | None = None,
 ) -> dict[str, Any]:
     """Return an effect that was found; see `FoundEffect` for its keys."""
+    amount = parameters.get(effect.amplitude.name, {}).get("value") or 0.0
+    template = effect.turned if effect.turned and amount < 0.0 else effect.sentence
     return {
         "name": effect.name,
         "law": effect.law,
@@ -143,8 +146,8 @@ def effect_entry(
         "explains": None if explains is None else round(explains, 4),
         "absorbed_by_base": absorbed,
         "compensation": effect.compensation,
-        "sentence": _with_figures(effect.sentence, parameters),
-        "template": effect.sentence,
+        "sentence": _with_figures(template, parameters),
+        "template": template,
     }
 
 
