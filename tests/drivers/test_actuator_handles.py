@@ -95,7 +95,7 @@ def declared(trial, folder, damping):
 @pytest.mark.parametrize("kind", HANDLES)
 def test_the_cube_is_felt_through_a_motor_as_well_as_its_declared_figures_let_it(kind, tmp_path):
     """An ODrive's positions are older, so of 20 N s/m at this stiffness it renders 14.5."""
-    trial = load_trial_file(SERIAL, ["duration_s=4", handle_of(kind)])
+    trial = load_trial_file(SERIAL, ["duration_s=6", handle_of(kind)])
     write_trial(tmp_path, trial)
     outcome = run_lockstep(trial, SERIAL, open_bench, tmp_path, lambda _: None)
     summary = summarise(tmp_path, trial, outcome, environment_force)
