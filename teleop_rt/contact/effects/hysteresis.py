@@ -136,6 +136,7 @@ def _slipping_with_spring(
 _YIELD = Shape(
     "yield_travel", "{x}", 3e-3, 0.6, 0.05, logarithmic=True, relative_to="travel", points=8
 )
+_ALIKE = 1.5  # spread of sliders, below which they are as one
 _SPREAD = Shape("spread", "1", 1.0, 60.0, 10.0, logarithmic=True, points=2, ideal="lower")
 _SHARPNESS = Shape("sharpness", "1", 0.6, 5.0, 1.0, logarithmic=True, points=2, ideal="upper")
 _UNLOADING = Shape("unloading", "1", -0.5, 1.0, 0.3, points=2)
@@ -192,7 +193,17 @@ EFFECTS = (
         name="hysteresis",
         law=WITHOUT_CONTACT,
         amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
-        shapes=(replace(_YIELD, upper=0.45), _SPREAD),  # half the travel slips in any motion
+        shapes=(_YIELD, replace(_SPREAD, lower=_ALIKE, ideal="")),
+        step=_slipping_everywhere,
+        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+        state_size=_SLIDERS + 2,
+        only_in_contact=False,
+    ),
+    _memory(
+        name="hysteresis",
+        law=f"{WITHOUT_CONTACT}, sliders alike",  # of more than half the travel one may be a spring
+        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
+        shapes=(replace(_YIELD, upper=0.45), replace(_SPREAD, upper=_ALIKE, start=1.1, points=1)),
         step=_slipping_everywhere,
         sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
         state_size=_SLIDERS + 2,
