@@ -147,6 +147,16 @@ _AS_FRICTION = (
 _memory = partial(
     Effect, family="hysteresis", belongs_to="environment", stage="material", compensation="render"
 )
+_ON_BOTH_SIDES = _memory(
+    name="hysteresis",
+    law=WITHOUT_CONTACT,
+    amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
+    shapes=(_YIELD, replace(_SPREAD, lower=_ALIKE, ideal="")),
+    step=_slipping_everywhere,
+    sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+    state_size=_SLIDERS + 2,
+    only_in_contact=False,
+)
 
 EFFECTS = (
     _memory(
@@ -189,25 +199,11 @@ EFFECTS = (
         sentence=_AS_FRICTION,
         state_size=_SLIDERS + 1,
     ),
-    _memory(
-        name="hysteresis",
-        law=WITHOUT_CONTACT,
-        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
-        shapes=(_YIELD, replace(_SPREAD, lower=_ALIKE, ideal="")),
-        step=_slipping_everywhere,
-        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
-        state_size=_SLIDERS + 2,
-        only_in_contact=False,
-    ),
-    _memory(
-        name="hysteresis",
+    _ON_BOTH_SIDES,
+    replace(
+        _ON_BOTH_SIDES,
         law=f"{WITHOUT_CONTACT}, sliders alike",  # of more than half the travel one may be a spring
-        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
         shapes=(replace(_YIELD, upper=0.45), replace(_SPREAD, upper=_ALIKE, start=1.1, points=1)),
-        step=_slipping_everywhere,
-        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
-        state_size=_SLIDERS + 2,
-        only_in_contact=False,
     ),
     _memory(
         name="hysteresis",
