@@ -166,8 +166,9 @@ class SlaveConfig(Section):
         gt=0,
         le=60_000,
         description=(
-            "Silence of the master, or time without its lead (it declutched, or its device "
-            "stopped), after which the slave draws back to the surface; not below hold_after_ms."
+            "Silence of the master, or time without its lead (it declutched), after which the "
+            "slave draws back to the surface; not below hold_after_ms. From a master whose device "
+            "was let go for a fault it draws back at once."
         ),
     )
 

@@ -21,7 +21,7 @@ _STATE = np.dtype(
 _MOTION = np.dtype(
     [(name, "<f8") for name in ("target", "velocity", "surface", "force", "energy_J")]
     + [("contact_id", "<u8")]
-    + [(name, "u1") for name in ("engaged", "wall", "provisional", "known")]
+    + [(name, "u1") for name in ("engaged", "wall", "provisional", "faulted", "known")]
 )
 _EFFECT = np.dtype([("code", "<u4"), ("amplitude", "<f8"), ("shape", "<f8", (SHAPES,))])
 _MODEL = np.dtype(

@@ -26,7 +26,7 @@ from teleop_rt.link.messages import (
 )
 
 MAGIC = b"TR"
-VERSION = 6
+VERSION = 7
 """Of the packets' layout; a peer of another version is refused."""
 
 WIRE_CODES: dict[ModelId, int] = {
@@ -39,7 +39,7 @@ WIRE_CODES: dict[ModelId, int] = {
 MODEL_OF_CODE = {code: model for model, code in WIRE_CODES.items()}
 
 _HEADER = Struct("<2sBBQQqqq")
-_MOTION = Struct("<dddddQBBB")
+_MOTION = Struct("<dddddQBBBB")
 _MODEL = Struct("<QQBBdddddddddB")
 _EFFECT = Struct("<Idddd")
 _STATE = Struct("<dddddQBBBBB")
@@ -55,7 +55,7 @@ pack_header = functools.partial(_HEADER.pack, MAGIC, VERSION)
 
 motion_body = _MOTION.pack
 """The body of a motion from its numbers: target, velocity, surface, force, energy_J, contact_id,
-and the flags engaged, wall and provisional.
+and the flags engaged, wall, provisional and faulted.
 """
 
 
@@ -110,6 +110,7 @@ def _encode_motion(message: MotionMessage) -> bytes:
         message.engaged,
         message.wall,
         message.provisional,
+        message.faulted,
     )
 
 
@@ -166,16 +167,17 @@ def decode(kind: Kind, body: bytes) -> Message:
 
 
 def _decode_motion(body: bytes) -> MotionMessage:
-    *numbers, _, engaged, wall, provisional = _MOTION.unpack(body)
+    *numbers, _, engaged, wall, provisional, faulted = _MOTION.unpack(body)
     _require_finite(*numbers)
-    _require_flags(engaged, wall, provisional)
+    _require_flags(engaged, wall, provisional, faulted)
     return read_motion(body)
 
 
 def read_motion(body: bytes) -> MotionMessage:
     """Read the body of a motion that was found to be in order."""
     numbers = _MOTION.unpack(body)
-    target, velocity, surface, force, energy_J, contact_id, engaged, wall, provisional = numbers
+    target, velocity, surface, force, energy_J, contact_id, engaged, wall, *rest = numbers
+    provisional, faulted = rest
     return MotionMessage(
         target,
         velocity,
@@ -186,6 +188,7 @@ def read_motion(body: bytes) -> MotionMessage:
         force,
         energy_J,
         provisional == 1,
+        faulted == 1,
     )
 
 

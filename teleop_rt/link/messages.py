@@ -57,7 +57,8 @@ class MotionMessage(NamedTuple):
 
     `target` is x_m - o. `contact_id` is the newest contact whose wall the master has adopted.
     `wall` says that the master renders a wall at `surface` (0 where it renders none): a contact
-    found there needs no hold, for the operator feels it already.
+    found there needs no hold, for the operator feels it already. Without `engaged` the slave is not
+    led; `faulted` says that this is so for good, because the operator's device was let go.
     """
 
     target: float
@@ -69,6 +70,7 @@ class MotionMessage(NamedTuple):
     force: float = 0.0
     energy_J: float = 0.0
     provisional: bool = False
+    faulted: bool = False
 
 
 class ModelEffect(NamedTuple):

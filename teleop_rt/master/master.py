@@ -235,6 +235,7 @@ class Master:
         wall, frozen = self.adoption.newest, self.engagement.state is _FROZEN
         known = wall is not NO_WALL
         asks = self.engagement.asks(self.slave, self.silence_ns)
+        faulted = self.fault is not NO_FAULT
         body = motion_body(
             self.target,
             0.0 if frozen else self._position_scale * self.velocity,
@@ -242,9 +243,10 @@ class Master:
             self.force / self.force_scale,
             0.0 if self._coupling is None else self._coupling.energy_J,
             self.intake.acknowledged,
-            asks and self.fault is NO_FAULT,
+            asks and not faulted,
             known,
             self.intake.provisional,
+            faulted,
         )
         self.endpoint.send_body(_MOTION, body)
         record(self, now_ns)

@@ -89,6 +89,7 @@ class Tick:
     acknowledged: int
     engaged: int
     provisional: int
+    faulted: int
     # The contact that the estimators see.
     in_contact: int
     contact_id: int

@@ -63,13 +63,14 @@ def look_at_contact(tick: Tick, bank: estimation.BankState) -> None:
 @kernel
 def read_motion(tick: Tick, motion: Any) -> None:
     """Take over the master's newest motion; its own number of a contact may be any."""
-    tick.has_motion = motion.known
+    tick.has_motion, tick.faulted = motion.known, 0
     if tick.has_motion == 0:
         return
     tick.lead, tick.lead_velocity = motion.target, motion.velocity
     tick.lead_force, tick.lead_energy_J = motion.force, motion.energy_J
     tick.acknowledged = min(motion.contact_id, _MOST)
     tick.engaged, tick.provisional = motion.engaged, motion.provisional
+    tick.faulted = motion.faulted
 
 
 @kernel
@@ -92,8 +93,11 @@ def note_who_leads(tick: Tick) -> None:
 def is_abandoned(tick: Tick) -> bool:
     """Return whether the tool is to draw back: for too long the master is silent, or leads no more.
 
-    A master that has declutched, or whose device stands in a fault, still sends.
+    A master that has declutched still sends, and may lead again. One whose device was let go does
+    not until it is started again: its tool draws back at once.
     """
+    if tick.faulted > 0:
+        return True
     alone_ns = max(tick.silence_ns, tick.now_ns - tick.led_stamp_ns)
     return alone_ns * 1e-6 > tick.retreat_after_ms
 

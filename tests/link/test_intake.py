@@ -17,7 +17,7 @@ from teleop_rt.link.statistics import Statistics
 
 NOW = 10**15
 STALE_NS = 100_000_000
-LAYOUTS = {Kind.MOTION: Struct("<dddddQBBB"), Kind.STATE: Struct("<dddddQBBBBB")}
+LAYOUTS = {Kind.MOTION: Struct("<dddddQBBBB"), Kind.STATE: Struct("<dddddQBBBBB")}
 STAMPS = st.one_of(
     st.integers(-(2**63), 2**63 - 1),
     st.integers(NOW - 2 * STALE_NS, NOW + 2 * FUTURE_NS),
@@ -52,7 +52,7 @@ def test_a_body_is_refused_for_what_its_reader_refuses(
     kind: Kind, numbers: list[float], codes: list[int], contact: int
 ) -> None:
     layout = LAYOUTS[kind]
-    body = layout.pack(*numbers, contact, *codes[: 3 if kind is Kind.MOTION else 5])
+    body = layout.pack(*numbers, contact, *codes[: 4 if kind is Kind.MOTION else 5])
     try:
         decode(kind, body)
     except MessageError as error:
@@ -69,7 +69,7 @@ def test_a_body_of_another_length_is_refused(kind: Kind) -> None:
 
 
 @settings(deadline=None)  # the first call may compile
-@given(st.binary(max_size=60) | st.binary(max_size=57).map(lambda rest: b"TR\x06" + rest))
+@given(st.binary(max_size=60) | st.binary(max_size=57).map(lambda rest: b"TR\x07" + rest))
 def test_a_header_is_refused_for_what_its_reader_refuses(packet: bytes) -> None:
     link = intake.new_words(NOW, STALE_NS)
     problem = intake.PROBLEMS[intake.read_header(link, packet)]

@@ -46,6 +46,7 @@ MESSAGES = st.one_of(
         st.booleans(),
         *[FINITE] * 3,
         st.booleans(),
+        st.booleans(),
     ),
     st.builds(
         StateMessage,
@@ -74,7 +75,15 @@ MESSAGES = st.one_of(
 )
 SAMPLES = (
     MotionMessage(
-        0.0137, 0.04, 3, engaged=True, wall=True, surface=0.0136, force=1.5, energy_J=0.2
+        0.0137,
+        0.04,
+        3,
+        engaged=True,
+        wall=True,
+        surface=0.0136,
+        force=1.5,
+        energy_J=0.2,
+        faulted=True,
     ),
     StateMessage(0.0137, 1.5, 3, in_contact=True, safety_state=4, fault=0, verified_free=0.0135),
     ModelMessage("hunt-crossley", 7, 3, 0.0136, k=1500.0, b=50.0, n=1.5, force_std=0.05),
@@ -141,8 +150,8 @@ def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, re
 
 def test_the_layout_of_the_wire_is_fixed() -> None:
     assert encode_header(Header(Kind.MOTION, 1, 2, 3, 4, 5)) == struct.pack(
-        "<2sBBQQqqq", b"TR", 6, 3, 1, 2, 3, 4, 5
+        "<2sBBQQqqq", b"TR", 7, 3, 1, 2, 3, 4, 5
     )
     assert encode(SAMPLES[0]) == struct.pack(
-        "<dddddQBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0
+        "<dddddQBBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0, 1
     )

@@ -7,6 +7,8 @@ import pytest
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.master.engagement import LinkState
+from teleop_rt.master.handle_faults import END_OF_TRAVEL, NO_FAULT, HandleFault
+from teleop_rt.master.master import Master
 from teleop_rt.signals import MASTER, columns
 from teleop_rt.slave.faults import State
 from teleop_rt.study.delay_world import SURFACE_M, Cell, World, trial_of
@@ -82,6 +84,27 @@ def test_a_slave_that_hears_a_master_which_leads_no_more_retreats() -> None:
     assert set(states[4800:5000]) == {State.HOLD}
     assert slave[4900, 2] > 5.0, "held at first"
     assert slave[6400, 0] == pytest.approx(SURFACE_M, abs=2e-4), "retreated to the surface"
+
+
+def test_the_tool_of_a_master_whose_device_was_let_go_retreats_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It pressed on for `retreat_after_ms`, with an operator who felt nothing."""
+    faulted_ms, one_way_ms = 4000, 75
+
+    def fault(master: Master) -> HandleFault:
+        return END_OF_TRAVEL if master.tick >= faulted_ms else NO_FAULT
+
+    monkeypatch.setattr(Master, "fault", property(fault))
+    stays = Scripted((0, 0), (1.5, 0.02), (9, 0.02))
+    trial = changed(slave={"retreat_after_ms": 1000.0})
+    _, slave, states = run(trial, stays, 4400)
+    assert slave[faulted_ms - 1, 2] > 5.0, "in contact when the device was let go"
+    heard = states.index(State.HOLD, faulted_ms - 1)
+    assert heard - faulted_ms == pytest.approx(one_way_ms, abs=30)
+    steps = np.diff(slave[heard : heard + 10, 0])
+    np.testing.assert_allclose(steps, -trial.slave.retreat_speed * DT_S, rtol=0.2)
+    assert slave[-1, 0] == pytest.approx(SURFACE_M, abs=2e-4), "retreated to the surface"
 
 
 def test_after_a_blackout_the_slave_retreats_and_follows_again_only_out_of_contact() -> None:

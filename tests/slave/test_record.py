@@ -48,17 +48,17 @@ def test_a_motion_is_heard_as_its_message_says_and_counts_for_nothing_once_forgo
 ) -> None:
     message = MotionMessage(
         0.5, -0.25, contact_id, engaged=True, surface=0.1, force=3.0, energy_J=2e-3,
-        provisional=True,
+        provisional=True, faulted=True,
     )  # fmt: skip
     motion, tick = NewestMotion(), TickRecord().tick
     read_motion(tick, motion.stored[0])
     assert tick.has_motion == 0
     motion.take(encode(message))
     read_motion(tick, motion.stored[0])
-    assert (tick.has_motion, tick.engaged, tick.provisional) == (1, 1, 1)
+    assert (tick.has_motion, tick.engaged, tick.provisional, tick.faulted) == (1, 1, 1, 1)
     assert (tick.lead, tick.lead_velocity) == (message.target, message.velocity)
     assert (tick.lead_force, tick.lead_energy_J) == (message.force, message.energy_J)
     assert tick.acknowledged == min(contact_id, 2**63 - 1)
     motion.forget()
     read_motion(tick, motion.stored[0])
-    assert tick.has_motion == 0
+    assert (tick.has_motion, tick.faulted) == (0, 0)
