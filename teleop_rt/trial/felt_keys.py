@@ -30,11 +30,22 @@ class WorstFelt(Keys):
     phantom_s: float | None
     """Time of it, from the master's first tick [s]."""
     force_error: float | None
-    """Largest error of the force [N or Nm]."""
+    """Largest error of the force, against one that the slave has met [N or Nm]."""
     force_error_s: float | None
     """Time of it, from the master's first tick [s]."""
     force_range: float | None
-    """Range of the true force, by which both are graded [N or Nm]."""
+    """Range of the true force that the slave has met, by which both are graded [N or Nm]."""
+
+
+class Unfelt(Keys):
+    """The moment of converged contact in which the tool most exceeded the felt force."""
+
+    pressed: float
+    """Force that the slave reported, in its own scale [N or Nm]."""
+    felt: float
+    """Largest force on the operator in the round trip before, in the hand's scale [N or Nm]."""
+    at_s: float
+    """Time of it, from the master's first tick [s]."""
 
 
 class FeltForce(Keys):
@@ -50,6 +61,8 @@ class FeltForce(Keys):
     """The worst since the first touch; null without a reference or a touch."""
     largest_force_step: float | None
     """Largest step of the rendered force between ticks [N or Nm]; null where none was recorded."""
+    unfelt: Unfelt | None
+    """When the tool most exceeded the felt force; null without converged contact."""
     reason: NotRequired[str]
     """Why a figure is null; absent where none is."""
     rendering: Rendering | None

@@ -26,6 +26,7 @@ from teleop_rt.trial.felt_force import (
 )
 from teleop_rt.trial.folder import RECORDING, began_at
 from teleop_rt.trial.grades import grades
+from teleop_rt.trial.softened import most_unfelt
 from teleop_rt.trial.software import software
 from teleop_rt.trial.summary_notes import all_notes
 from teleop_rt.trial.true_port import LAG_MARGIN_S, true_port
@@ -203,6 +204,7 @@ def judge_felt_force(
         "direct_reflection_lag_ms": None,
         "worst": None,
         "largest_force_step": float(np.nanmax(steps)) if np.any(np.isfinite(steps)) else None,
+        "unfelt": most_unfelt(trial, master),
     }
     if truth is None or environment_force is None:
         result["reason"] = "the true environment is not known, so the felt force has no reference"

@@ -22,6 +22,7 @@ from teleop_rt.trial.grades import (
     selected_nrmse,
 )
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
+from teleop_rt.trial.softened import softened
 
 _GRADED = {
     "ran": "loop",
@@ -148,12 +149,6 @@ def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     rendered, true = (_number(stiffness[key], "", 4) for key in ("rendered", "true"))
     needs = f"this wall needs a device damping of {_number(needed, '', 3)}"
     yield "rendered stiffness", f"{rendered} of {true}, without damping at most {most}; {needs}"
-    if 0.0 < stiffness["rendered"] < stiffness["true"]:
-        share = stiffness["rendered"] / stiffness["true"]
-        yield (
-            "felt of a stiff wall",
-            f"{share:.0%} of its force: more is not passive on this device",
-        )
 
 
 def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
@@ -190,7 +185,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     )
     touched = "contact" if contact["onsets"] == 1 else "contacts"
     safety = summary["safety"]
-    said = f": {safety['fault']['said']}" if safety["fault"].get("said") else ""
+    reported = f": {safety['fault']['said']}" if safety["fault"].get("said") else ""
     ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
     early = ", interrupted" if summary.get("interrupted") else ""
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
@@ -203,12 +198,13 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         *_handle(master),
+        *([("felt of a stiff wall", said)] if (said := softened(master, units)) else []),
         *worst_lines(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", _model(summary)),
         ("link", packets_in_words(link)),
         ("round trip", round_trip),
-        ("safety", f"{safety['state']}, {safety['fault']['name']}{escape(said)}"),
+        ("safety", f"{safety['state']}, {safety['fault']['name']}{escape(reported)}"),
         *(("unsafe", sentence) for sentence in safety.get("unsafe") or ()),
     ]
     for key in ("wake_latency_us", "work_us"):

@@ -34,11 +34,14 @@ def worst_felt(felt: Felt, counts: NDArray[np.bool_]) -> dict[str, float | None]
     """Return the worst of a felt force in the rows (n,) that count, and the true force's range.
 
     In the environment's scale. A phantom is a force felt where the true environment answers the
-    same motion with none.
+    same motion with none. A hand that feels a softer wall goes where the tool never was: the force
+    there is one that nothing met, so `true` counts up to the largest that the slave reported.
     """
-    error = np.where(counts, np.abs(felt.rendered - felt.true), np.nan)
+    met = felt.reflected[np.isfinite(felt.reflected)]
+    answer = np.clip(felt.true, min(met.min(), 0.0), max(met.max(), 0.0)) if met.size else felt.true
+    error = np.where(counts, np.abs(felt.rendered - answer), np.nan)
     phantom = np.where(felt.true == 0.0, error, np.nan)
-    true = felt.true[counts & np.isfinite(felt.true)]
+    true = answer[counts & np.isfinite(answer)]
     return {
         "phantom_force": _largest(phantom),
         "phantom_s": _when(phantom, felt.stamp_ns),

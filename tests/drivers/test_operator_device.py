@@ -70,7 +70,12 @@ def test_the_summary_says_how_much_of_a_stiff_wall_can_be_felt(tmp_path, stiffne
     printed = "felt of a stiff wall" in out.getvalue()
     assert printed is (stiffness > 6710.0)
     if printed:
-        assert "33% of its force: more is not passive on this device" in out.getvalue()
+        said = "of 20000 N/m, 33% of its force: more is not passive on this device; at "
+        assert said in out.getvalue()
+        met = read_topics(tmp_path / "recording.mcap", ["/master"])["/master"]
+        unfelt = summary["master"]["unfelt"]
+        assert unfelt["pressed"] / unfelt["felt"] == pytest.approx(3.0, abs=0.5)
+        assert summary["master"]["worst"]["force_error"] < np.nanmax(met["reflected_force"])
         assert summary["master"]["nrmse"] > 0.3
 
 

@@ -15,8 +15,8 @@ STAMPS = 5e9 + 1e6 * np.arange(8)
 
 
 def felt(true, rendered):
-    nothing = np.zeros(8)
-    return Felt(STAMPS, np.array(true), np.array(rendered), nothing, nothing > 0)
+    true = np.array(true)
+    return Felt(STAMPS, true, np.array(rendered), true, np.zeros(8) > 0)
 
 
 def test_a_wall_that_is_not_there_counts_before_contact_has_converged_too():
@@ -44,6 +44,16 @@ def test_a_force_that_is_too_large_inside_the_true_wall_is_no_phantom():
     found = worst_felt(one, np.ones(8, dtype=bool))
     assert (found["phantom_force"], found["force_error"]) == (0.0, 15.0)
     assert found["force_error_s"] == pytest.approx(0.004)
+
+
+def test_a_force_is_missed_by_no_more_than_the_tool_has_met():
+    """The hand is at a depth where the wall would give 376 N; the tool stayed at 72 N."""
+    true, reflected = np.array([0, 0, 0, 40, 376, 376, 0, 0.0]), np.full(8, np.nan)
+    reflected[2:] = [0, 0, 40, 72, 0, -0.2]
+    soft = Felt(STAMPS, true, np.minimum(true, 14.5), reflected, true > 0)
+    found = worst_felt(soft, np.ones(8, dtype=bool))
+    assert found["force_error"] == pytest.approx(72 - 14.5)
+    assert found["force_range"] == 72.0
 
 
 def test_what_comes_before_the_first_touch_and_at_a_jump_of_place_is_not_judged():
