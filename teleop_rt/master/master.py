@@ -19,6 +19,7 @@ from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.parts import (
     make_adoption,
+    make_aim,
     make_brakes,
     make_intake,
     make_observer,
@@ -73,11 +74,11 @@ class Master:
         self._position_scale, self.force_scale = config.position_scale, config.force_scale
         self._force_max = config.force_max
         self._stall = StalledForce(config.force_step)
-        self._rejoin_speed = config.offset_speed
         self._surface_W = 1e-3 * config.surface_power_mW
         self.energy_scale = config.force_scale / config.position_scale
         self.adoption = make_adoption(config)
         self.registration = make_registration(config, limits)
+        self.aim = make_aim(config, limits, dt_s)
         self.screening = make_screening(limits)
         self.engagement = Engagement(config)
         port = port or make_port(config, dt_s)
@@ -108,8 +109,8 @@ class Master:
         self.tick = 0
         self.intake.reset()
         self.force = self.position = self.velocity = self._moving = self.target = self.hand = 0.0
-        self._one_way_s = 0.0
-        self._offset_aimed = self._surface_J = 0.0
+        self._one_way_s = self._surface_J = 0.0
+        self.aim.reset()
         self._stall.reset()
         self._started_ns = -1
         self._waits_at = math.inf
@@ -231,14 +232,17 @@ class Master:
         """Push the hand, send the motion and record the tick."""
         if self._device is not None:
             self._device.push(self.force)
-        self._aim()
-        wall, frozen = self.adoption.newest, self.engagement.state is _FROZEN
+        wall, state = self.adoption.newest, self.engagement.state
+        frozen, moves = state is _FROZEN, self._position_scale * self.velocity
+        self.target = self.aim.update(
+            self.hand, moves * self._dt_s, self.registration.offset, state, wall
+        )
         known = wall is not NO_WALL
         asks = self.engagement.asks(self.slave, self.silence_ns)
         faulted = self.fault is not NO_FAULT
         body = motion_body(
             self.target,
-            0.0 if frozen else self._position_scale * self.velocity,
+            0.0 if frozen else moves,
             wall.surface if known else 0.0,
             self.force / self.force_scale,
             0.0 if self._coupling is None else self._coupling.energy_J,
@@ -278,7 +282,7 @@ class Master:
         if self._coupling is not None:
             self._coupling.reset()
         self.intake.forget()
-        self._rejoining = self._deepens = False
+        self.aim.forget()
 
     @property
     def _touches(self) -> bool:
@@ -292,27 +296,3 @@ class Master:
         self.registration.offset += self.ends.withhold(hand, touches=touches)
         if not touches and not self.ends.beyond(hand):
             self.registration.relax(hand, self.adoption.newest, self._dt_s)
-
-    def _aim(self) -> None:
-        """Move the target: kept while frozen, then rejoining the hand without a jump.
-
-        The tool follows at the same pace a hand that a new wall has put deeper: nothing was
-        measured at that depth, and no guard turns a tool in time that a step drives there. A hand
-        that withdraws takes the tool with it at once.
-        """
-        offset_before, self._offset_aimed = self._offset_aimed, self.registration.offset
-        state = self.engagement.state
-        if state is _FROZEN:
-            self._rejoining = True
-            return
-        gap = self.x - self.target
-        own = self._position_scale * self.velocity * self._dt_s
-        vanished = self._rejoin_speed * self._dt_s
-        deeper = state is _ENGAGED and gap > 0.0
-        deeper = deeper and offset_before - self._offset_aimed > vanished
-        self._deepens = (self._deepens or deeper) and gap > max(vanished + own, 0.0)
-        self._rejoining = self._rejoining and abs(gap) > vanished + abs(own)
-        if self._rejoining:
-            self.target += math.copysign(vanished + abs(own), gap)
-        else:
-            self.target += vanished + own if self._deepens else gap

@@ -7,6 +7,7 @@ import math
 from teleop_rt.config.master import MasterConfig
 from teleop_rt.config.rig import Limits
 from teleop_rt.master.adoption import Adoption
+from teleop_rt.master.aim import Aim
 from teleop_rt.master.device import HeldDevice
 from teleop_rt.master.energy import PassivityObserver
 from teleop_rt.master.leash import Leash
@@ -49,6 +50,11 @@ def make_adoption(config: MasterConfig) -> Adoption:
 def make_registration(config: MasterConfig, limits: Limits) -> Registration:
     """Return the offset between hand and slave."""
     return Registration(config.offset_speed, CLEARANCE_SHARE * range_of(limits))
+
+
+def make_aim(config: MasterConfig, limits: Limits, dt_s: float) -> Aim:
+    """Return the target of the slave."""
+    return Aim(config.offset_speed, CLEARANCE_SHARE * range_of(limits), dt_s)
 
 
 def make_screening(limits: Limits) -> Screening:

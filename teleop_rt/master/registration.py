@@ -53,18 +53,37 @@ PHANTOM_STATES = 20
 """States in a row that must find free space inside the wall before it is withdrawn."""
 
 
+class HandMotion:
+    """The motion of the hand from call to call, beyond a play: a trembling encoder is at rest."""
+
+    def __init__(self, clearance: float) -> None:
+        self._play = REST_SHARE * clearance
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin at the operator's start."""
+        self._moved_from = 0.0
+
+    def by(self, hand: float) -> float:
+        """Return by how much the hand has moved since the last call."""
+        before, play = self._moved_from, self._play
+        self._moved_from = min(max(before, hand - play), hand + play)
+        return abs(self._moved_from - before)
+
+
 class Registration:
     """The offset between hand and slave, in the rig's unit of position."""
 
     def __init__(self, offset_speed: float, clearance: float) -> None:
         self._offset_speed = offset_speed
         self._clearance = clearance
+        self._moves = HandMotion(clearance)
         self.reset()
 
     def reset(self) -> None:
         """Forget the offset."""
         self.offset = 0.0
-        self._moved_from = 0.0
+        self._moves.reset()
 
     def index(self, hand: float, slave: float) -> None:
         """Count the hand's motion from where the slave stands."""
@@ -84,18 +103,12 @@ class Registration:
 
     def relax(self, hand: float, wall: Wall, dt_s: float) -> None:
         """Let some of the offset vanish; only to be called out of contact."""
-        step = min(self._offset_speed * dt_s, VANISHING_SHARE * self._motion(hand))
+        step = min(self._offset_speed * dt_s, VANISHING_SHARE * self._moves.by(hand))
         if self.offset < 0:
             self.offset = min(0.0, self.offset + step)
         elif self.offset > 0:
             nearest = hand - (wall.surface - self._clearance)
             self.offset = min(self.offset, max(0.0, self.offset - step, nearest))
-
-    def _motion(self, hand: float) -> float:
-        """Return by how much the hand has moved since the last call, beyond a play."""
-        before, play = self._moved_from, REST_SHARE * self._clearance
-        self._moved_from = min(max(before, hand - play), hand + play)
-        return abs(self._moved_from - before)
 
 
 class PhantomWatch:

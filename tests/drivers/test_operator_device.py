@@ -74,7 +74,7 @@ def test_the_summary_says_how_much_of_a_stiff_wall_can_be_felt(tmp_path, stiffne
         assert said in out.getvalue()
         met = read_topics(tmp_path / "recording.mcap", ["/master"])["/master"]
         unfelt = summary["master"]["unfelt"]
-        assert unfelt["pressed"] / unfelt["felt"] == pytest.approx(3.0, abs=0.5)
+        assert unfelt["pressed"] > 1.5 * unfelt["felt"]
         assert summary["master"]["worst"]["force_error"] < np.nanmax(met["reflected_force"])
         assert summary["master"]["nrmse"] > 0.3
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from master_world import CONFIG, KEY, PERIOD_NS, World
@@ -12,7 +14,9 @@ from teleop_rt.link.impairment import Impairment
 from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import StateMessage
 from teleop_rt.link.troubles import TROUBLES
+from teleop_rt.master.aim import Aim
 from teleop_rt.master.engagement import LinkState
+from teleop_rt.master.walls import Wall
 from teleop_rt.signals import MASTER, columns
 
 COLUMN = columns(MASTER)
@@ -74,9 +78,10 @@ def test_a_frozen_master_leads_no_more_so_that_the_slave_s_time_alone_counts_fro
 
 
 def test_news_after_a_freeze_bring_neither_a_step_of_force_nor_of_the_target() -> None:
-    moving = Script((0, 0), (1, 0.02), (2.2, 0.02), (4.2, 0.016), (9, 0.016))
+    """A hand that moves takes the tool with it, at 0.5 to 1.5 times its pace."""
+    moving = Script((0, 0), (1, 0.02), (2.2, 0.02), (4.2, 0.016), (6, 0.019), (9, 0.016))
     world = World(moving, there=dark(2000, 3500), back=dark(2000, 3500))
-    rows = world.run(6000)
+    rows = world.run(8500)
     force, target = rows[:, COLUMN["rendered_force"]], rows[:, COLUMN["target"]]
     assert first(rows, LinkState.ENGAGED, 3000) == pytest.approx(3511, abs=2)
     late = slice(1900, None)
@@ -84,6 +89,42 @@ def test_news_after_a_freeze_bring_neither_a_step_of_force_nor_of_the_target() -
     speed = np.abs(np.diff(target[late])).max() / 1e-3
     assert speed <= CONFIG.offset_speed + 2 * 0.002 + 1e-9
     assert target[-1] == pytest.approx(rows[-1, COLUMN["position"]] - rows[-1, COLUMN["offset"]])
+
+
+def at_rest_after_a_freeze(frozen_mm: float, hand_mm: float) -> tuple[Aim, list[float]]:
+    """Return the aim, and the targets [mm] of 2 s of rest at `hand_mm`, frozen elsewhere before.
+
+    There is a wall at 10 mm; the encoder trembles by 0.02 mm.
+    """
+    aim, wall = Aim(0.02, 0.0006, 1e-3), Wall(0.01, 1000.0)
+    aim.update(1e-3 * frozen_mm, 0.0, 0.0, LinkState.ENGAGED, wall)
+    aim.update(1e-3 * hand_mm, 0.0, 0.0, LinkState.FROZEN, wall)
+    trembling = (1e-3 * (hand_mm + 0.02 * (-1) ** tick) for tick in range(2000))
+    targets = [aim.update(hand, 0.0, 0.0, LinkState.ENGAGED, wall) for hand in trembling]
+    return aim, [1e3 * target for target in targets]
+
+
+@pytest.mark.parametrize(("frozen_mm", "hand_mm"), [(2.0, 8.0), (8.0, 2.0), (12.0, 20.0)])
+def test_after_a_freeze_a_hand_at_rest_moves_no_tool(frozen_mm: float, hand_mm: float) -> None:
+    aim, targets = at_rest_after_a_freeze(frozen_mm, hand_mm)
+    np.testing.assert_allclose(targets, frozen_mm, atol=0.1)
+    hand, before = 1e-3 * (hand_mm - 0.02), aim.target
+    own = math.copysign(2e-5, frozen_mm - hand_mm)  # the hand comes to meet the tool
+    for _ in range(2000):
+        hand += own
+        target = aim.update(hand, own, 0.0, LinkState.ENGAGED, Wall(0.03, 1000.0))
+        if target == hand:
+            break
+        assert 0.49 < (target - before) / own < 1.51
+        before = target
+    assert target == hand
+
+
+def test_after_a_freeze_a_tool_that_presses_deeper_than_the_hand_draws_back() -> None:
+    """Nobody feels its contact: the hand has left the wall, and rests."""
+    _, targets = at_rest_after_a_freeze(14.0, 8.0)
+    assert targets[100] == pytest.approx(12.0, abs=0.1), "at the offset's speed"
+    assert targets[-1] == pytest.approx(10.0, abs=0.1), "to the surface and no further"
 
 
 def test_after_a_declutch_the_slave_is_asked_again_only_out_of_contact() -> None:
