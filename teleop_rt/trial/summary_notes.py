@@ -14,6 +14,7 @@ from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.grades import POOR_NRMSE, selected_nrmse
 from teleop_rt.trial.late import cause
 from teleop_rt.trial.simulated_wall import unmet
+from teleop_rt.trial.stuck_force import stuck_force
 
 Array = NDArray[np.float64]
 STRUCTURE = (
@@ -42,6 +43,7 @@ def all_notes(
         missed = unmet(trial, truth["environment"], truth.get("start", 0.0))
         notes += [str(one) for one in missed]
     notes += _over_cap(trial, slave)
+    notes += stuck_force(trial, slave)
     notes += _steps(trial, slave)
     if outcome.get("interrupted"):
         notes.append(f"interrupted after {duration_s:.2f} s of {trial.duration_s:g} s")
