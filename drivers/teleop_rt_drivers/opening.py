@@ -29,6 +29,7 @@ from teleop_rt_drivers.framed.config import (
 from teleop_rt_drivers.framed.counters import new_counters
 from teleop_rt_drivers.framed.dbc import load_dbc
 from teleop_rt_drivers.framed.serial_port import SerialPort
+from teleop_rt_drivers.in_words import ForeignAxis, in_words
 from teleop_rt_drivers.mixed import MixedAxis, MixedConfig
 from teleop_rt_drivers.recording import RecordingAxis, RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, FOREIGN, parts_of
@@ -169,11 +170,19 @@ def _open_part(
         return _open_actuator(name, axis, rig, now_ns, ends)
     if isinstance(axis, RecordingAxisConfig):
         return RecordingAxis(axis, rig, now_ns)
-    if (foreign := FOREIGN.get(axis.driver)) is not None:
+    return _open_foreign(axis, rig, now_ns)
+
+
+def _open_foreign(axis: AxisConfig, rig: RigConfig, now_ns: Callable[[], int]) -> Axis:
+    """Return the axis of another package's driver. Raises AxisError."""
+    driver = axis.driver
+    if (foreign := FOREIGN.get(driver)) is None:
+        raise AxisError(f"no driver {driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
+    with in_words(driver, "open_axis"):
         opened = foreign.open_axis(axis, rig, now_ns)
-        replays = not axis.executes  # its stamps are the recording's
-        return opened if replays else StampedAxis(opened, now_ns, rig.sample_period_ns)
-    raise AxisError(f"no driver {axis.driver!r}; one of: {', '.join(sorted(AXIS_SCHEMAS))}")
+    if not axis.executes:  # its stamps are the recording's
+        return ForeignAxis(opened, driver)
+    return StampedAxis(opened, driver, now_ns, rig.sample_period_ns)
 
 
 def _open_replay(axis: CanopenPart | RawCanPart, rig: RigConfig, now_ns: Callable[[], int]) -> Axis:

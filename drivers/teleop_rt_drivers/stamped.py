@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from teleop_rt.axis import Axis, Sample
+from teleop_rt_drivers.in_words import ForeignAxis
 
 FAR_MS = 20.0
 """A stamp that is further from the clock is no time of this sample: as long no sample may lack."""
@@ -14,29 +14,20 @@ _FAR_PERIODS = 3
 _KEPT = ("position", "force", "stamp_ns", "position_stamp_ns", "force_stamp_ns")
 
 
-class StampedAxis:
+class StampedAxis(ForeignAxis):
     """An axis whose sample counts as missing if a stamp of it is far from the clock, or is old.
 
     Old is a stamp that stays the same while its value changes. The numbers are then the last good
     ones, and `stale` is the reason.
     """
 
-    def __init__(self, axis: Axis, now_ns: Callable[[], int], sample_period_ns: int) -> None:
-        self._axis, self._now_ns = axis, now_ns
+    def __init__(
+        self, axis: Axis, driver: str, now_ns: Callable[[], int], sample_period_ns: int
+    ) -> None:
+        super().__init__(axis, driver)
+        self._now_ns = now_ns
         self._far_ns = max(round(FAR_MS * 1e6), _FAR_PERIODS * sample_period_ns)
         self._good = Sample()
-
-    def __getattr__(self, name: str) -> Any:
-        """Return an attribute beside the interface, such as counters."""
-        return getattr(self._axis, name)
-
-    def configure(self) -> None:
-        """Find, check and configure the devices. Raises AxisError."""
-        self._axis.configure()
-
-    def arm(self) -> None:
-        """Ask the drive for power. Raises AxisError."""
-        self._axis.arm()
 
     def read_into(self, sample: Sample) -> None:
         """Latch the next sample. Raises EndOfRecording, and whatever the driver raises."""
@@ -64,15 +55,3 @@ class StampedAxis:
                 far_ms = self._far_ns * 1e-6
                 return f"the driver stamps the {name} more than {far_ms:g} ms {side} the clock"
         return ""
-
-    def write(self, position: float) -> None:
-        """Command a position [rig unit]."""
-        self._axis.write(position)
-
-    def stop(self) -> None:
-        """Stop the drive."""
-        self._axis.stop()
-
-    def close(self) -> None:
-        """Release the devices."""
-        self._axis.close()

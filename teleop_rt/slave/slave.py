@@ -233,12 +233,19 @@ class Slave:
     def stop(self, fault: faults.Fault) -> None:
         """Stop the axis for a reason; may be called from outside the cycle."""
         self.safety.stop(fault)
-        self._axis.stop()
+        self._stop_axis()
 
     def disarm(self) -> None:
         """Stop the axis in good order, at the end of a trial."""
         self.safety.disarm()
-        self._axis.stop()
+        self._stop_axis()
+
+    def _stop_axis(self) -> None:
+        """Stop the axis, and stand in a fault where its driver raises: the loop goes on."""
+        try:
+            self._axis.stop()
+        except Exception as error:  # noqa: BLE001 - whatever another's driver raises
+            self._driver_raised(error)
 
     def _sense(self, skipped: int, wake_latency_ns: int) -> None:
         """Take in all news, and write clock and zeros into the record of the tick."""

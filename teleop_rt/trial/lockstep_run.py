@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -131,13 +132,14 @@ def run_lockstep(
             run.slave.stop(INTERNAL)
             raise
         finally:
-            run.bench.axis.stop()
-            run.bench.axis.close()
-            run.master.let_go()
-            recorder.close()
-            log.close()
-            if run.bench.truth:
-                write_json(folder / TRUTH, run.bench.truth())
+            with ExitStack() as ends:  # each of them, whichever raises
+                if (truth := run.bench.truth) is not None:
+                    ends.callback(lambda: write_json(folder / TRUTH, truth()))
+                ends.callback(log.close)
+                ends.callback(recorder.close)
+                ends.callback(run.master.let_go)
+                ends.callback(run.bench.axis.close)
+                ends.callback(run.bench.axis.stop)
         return merge_outcomes(
             "simulated",
             slave_outcome(run.slave, run.slave_endpoint),

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from teleop_rt.axis import Sample
+from teleop_rt.axis import AxisError, EndOfRecording, Sample
+from teleop_rt_drivers.in_words import ForeignAxis, in_words
 from teleop_rt_drivers.stamped import StampedAxis
 
 README = Path(__file__).parents[2] / "drivers" / "README.md"
@@ -118,7 +119,7 @@ class Ramp:
 def ramp(period_ns=MS):
     clock = [1000 * MS]
     axis = Ramp(clock)
-    return clock, axis, StampedAxis(axis, lambda: clock[0], period_ns)
+    return clock, axis, StampedAxis(axis, "ramp", lambda: clock[0], period_ns)
 
 
 @pytest.mark.parametrize(
@@ -162,3 +163,36 @@ def test_a_new_value_with_an_old_stamp_is_missing_and_its_number_not_taken():
     assert sample.stale == "the driver's position changes, but its stamp does not"
     assert sample.position == 1000.0
     assert stamped.counters == {"read": 1}
+
+
+class Raising:
+    """An axis of which one method raises; `heard` are the calls that came."""
+
+    def __init__(self, call):
+        self._call, self.heard = call, []
+
+    def __getattr__(self, name):
+        def method():
+            self.heard.append(name)
+            if name == self._call:
+                raise KeyError("my driver broke")
+
+        return method
+
+
+@pytest.mark.parametrize("call", ["configure", "arm", "stop", "close"])
+def test_an_error_of_another_s_driver_is_a_message_with_its_place(call):
+    axis = Raising(call)
+    with pytest.raises(AxisError) as raised:
+        getattr(ForeignAxis(axis, "ramp"), call)()
+    said = f"the driver ramp raised KeyError in {call}: 'my driver broke' (test_foreign_driver.py, "
+    assert str(raised.value).startswith(said)
+    assert str(raised.value).endswith("; correct it there, then start again")
+    assert axis.heard == ([call, "stop"] if call == "arm" else [call])
+
+
+def test_a_refusal_of_another_s_driver_and_the_end_of_its_recording_stay_what_they_are():
+    with pytest.raises(AxisError, match=r"^no sensor; plug it in$"), in_words("ramp", "arm"):
+        raise AxisError("no sensor; plug it in")
+    with pytest.raises(EndOfRecording), in_words("ramp", "arm"):
+        raise EndOfRecording

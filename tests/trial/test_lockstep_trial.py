@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from cases import cases
 from rich.console import Console
 
+from teleop_rt.axis import AxisError
 from teleop_rt.cli.wiring import open_bench
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -407,3 +409,40 @@ def agree_that_nothing_is_missing(folder, summary):
     assert (answer["verdict"], answer["effects"]) == ("no_missing_effect", [])
     found = [[n for n in one["notes"] if "steps" in n] for one in (summary, answer)]
     assert found == [[STEPS_OF_MOTION], [STEPS_OF_MOTION]]
+
+
+class RaisesAt:
+    """The axis of a trial, with one method that raises once its work is done."""
+
+    def __init__(self, axis, call):
+        self._axis, self._call, self.heard = axis, call, []
+
+    def __getattr__(self, name):
+        method = getattr(self._axis, name)
+        if name not in {"configure", "arm", "stop", "close"}:
+            return method
+
+        def called():
+            method()
+            self.heard.append(name)
+            if name == self._call:
+                raise AxisError(f"{name} failed; correct the driver")
+
+        return called
+
+
+@pytest.mark.parametrize("call", ["configure", "arm", "stop", "close"])
+def test_a_driver_that_raises_between_ticks_leaves_nothing_open(tmp_path, call):
+    axes = []
+
+    def bench_of(trial, now_ns):
+        bench = open_bench(trial, now_ns)
+        axes.append(RaisesAt(bench.axis, call))
+        return replace(bench, axis=axes[0])
+
+    with pytest.raises(AxisError, match=f"{call} failed"):
+        run_lockstep(load(SILICONE, "duration_s=0.3"), SILICONE, bench_of, tmp_path, silent)
+    assert axes[0].heard[-2:] == ["stop", "close"]
+    assert (tmp_path / "truth.json").is_file()
+    if call in {"stop", "close"}:
+        assert read_topics(tmp_path / RECORDING, ["/slave"])["/slave"]["tick"].size > 0
