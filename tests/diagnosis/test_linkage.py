@@ -91,9 +91,3 @@ def test_a_weight_stands_in_for_no_bias_and_layer() -> None:
     assert ["force_bias", "second_layer"] in [
         sorted(names) for names in diagnose(biased, "kelvin-voigt").answer["class"]
     ]
-
-
-def test_a_pair_with_an_effect_of_amplitude_zero_is_no_error() -> None:
-    """The weight looks like a held body; of two effects tried, one has no force."""
-    error = diagnose(pressing(6, weight_N=4.0), "kelvin-voigt").answer["error"]
-    assert error["after"] < error["before"]

@@ -6,9 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from cases import cases
 from schema_checks import violations
 
 from teleop_rt.cli.schema import SchemaName
+from teleop_rt.contact.effects import LIBRARY, NAMES
 from teleop_rt.diagnosis.diagnose import diagnose, predicted_on
 from teleop_rt.recordings.layout import Layout
 from teleop_rt.recordings.recording import load
@@ -64,9 +66,14 @@ def test_bias_and_inertia_appear_in_the_torque_of_a_lever_that_meets_nothing() -
     assert found["error"]["after"] < 0.5 * found["error"]["before"]
 
 
-def test_a_bias_of_a_lever_is_no_drift_that_settles_at_once() -> None:
+@pytest.mark.parametrize(
+    "names", cases(["force_bias", "force_drift", "stress_relaxation"], list(NAMES))
+)
+def test_a_bias_of_a_lever_is_no_drift_that_settles_at_once(names: list[str]) -> None:
     """Both were named, the drift first, whose model another recording of the lever withdrew."""
     columns = {"time": "t_s", "position": "xs_rad", "force": "Fe_Nm"}
     layout = Layout(columns, {"position": "rad", "force": "Nm"})
-    found = diagnose(load(Path(DATA) / "tue_teleop" / "run_a_spring.csv", layout)).answer
+    record = load(Path(DATA) / "tue_teleop" / "run_a_spring.csv", layout)
+    effects = tuple(effect for effect in LIBRARY if effect.name in names)
+    found = diagnose(record, effects=effects).answer
     assert found["class"] == [["force_bias"]]

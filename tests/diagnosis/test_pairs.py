@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import TransferFunction, lsim
 
-from teleop_rt.contact.effect import Vector
+from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.needed import needed_pairs
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.inference.second import both_needed
 from teleop_rt.diagnosis.models.base import base_of
+from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.noise.encoder import input_errors
 from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
@@ -40,6 +44,31 @@ def test_a_single_fit_in_a_local_minimum_is_improved_by_a_pair() -> None:
     assert pairs == []
     assert abs(best.fit.zeta[0] - SHIFT_M) < 1e-5
     assert best.fit.chi2 < 0.5 * stuck.fit.chi2
+
+
+def test_a_pair_is_compared_with_effects_whose_amplitudes_are_zero() -> None:
+    """The sign of an amplitude may hold it at 0: such an effect has no force, and no form errors.
+
+    A weight that looked like a held body left single fits of this kind.
+    """
+    t, x, force = jumping(0.0, noise=1e-2)
+    base = base_of("kelvin-voigt")
+    recording = from_arrays("rubs", t, x, force + 0.3 + 8.0 * np.gradient(x, t))
+    problem = problem_of(recording, base, 0.0)
+    alone = fit_base(problem, base)
+    rank = Ranking(problem, alone, input_errors(problem.motion, recording), STEP_M)
+    *effects, rival = map(find, ("force_bias", "viscous_friction", "quadratic_damping"))
+
+    def solved(*effects: Effect) -> Fit:
+        return problem.solve(CandidateModel(base, effects), np.zeros(0))
+
+    pair = rank(solved(*effects))
+    singles = {rival.name: rank(solved(rival))}
+    for effect in effects:
+        fit = solved(effect)
+        without_force = replace(fit, theta=np.append(alone.theta, 0.0), residual=alone.residual)
+        singles[effect.name] = rank(without_force)
+    assert both_needed(problem, pair, singles, pair.gain, 0.0)
 
 
 def test_the_likelihood_decides_between_a_needed_pair_and_its_special_case() -> None:
