@@ -114,7 +114,7 @@ def ideal_motion(
             force = wall_force(x, v, begins_s + step * h)
             held = (GRIP_STIFFNESS * (y - x) + GRIP_DAMPING * (w - v)) if held_on else 0.0
             arm = grip * (stiffness * (goal - y) + damping * (rate - w))
-            friction = viscous * v + dry * float(np.tanh(v / 1e-3))
+            friction = viscous * v + dry * math.tanh(v / 1e-3)
             v += of_device * (held - force - friction)
             w += of_hand * (arm * held_on + tremor - held)
             x, y = x + h * v, y + h * w
