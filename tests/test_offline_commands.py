@@ -274,9 +274,34 @@ def test_effects_lists_each_name_of_the_library_once(call):
     assert len(names) == len(set(names))
     assert set(names) == {effect.name for effect in LIBRARY}
     _, table, _ = call("effects")
-    rows = {line.split()[0]: line for line in table.splitlines()[1:]}
+    _, *lines, hint = table.splitlines()
+    rows = {line.split()[0]: line for line in lines}
     assert list(rows) == names
+    assert hint.startswith("`teleop-rt effects EFFECT` lists")
     assert "A play of <gap> lies between encoder and tip." in rows["backlash"]
+
+
+def test_effects_gives_unit_bounds_and_neutral_value_of_each_parameter(call):
+    _, out, _ = call("effects", "--json")
+    entries = {entry["name"]: entry for entry in map(json.loads, out.splitlines())}
+    for effect in LIBRARY:
+        listed = {one["name"]: one for one in entries[effect.name]["parameters"][effect.law]}
+        for shape in effect.shapes:
+            one = listed.pop(shape.name)
+            assert (one["lower"], one["upper"]) == (shape.lower, shape.upper)
+            assert (one["neutral"], one["relative_to"]) == (shape.neutral, shape.relative_to)
+        assert list(listed) == [effect.amplitude.name] * (not effect.amplitude.unity)
+        assert not any("{" in one["unit"] for one in listed.values())
+    _, table, _ = call("effects", "force_lag", "series_compliance")
+    lines = table.splitlines()
+    assert lines[0].startswith("force_lag (delay, rig): The force channel is slow")
+    (bandwidth,) = [line.split() for line in lines if "- " in line and " Hz " in line][:1]
+    assert bandwidth[-5:] == ["bandwidth", "Hz", "0.5", "300", "-"]
+    (compliance,) = [line for line in lines if " m/N " in line]
+    assert compliance.split()[3:] == ["0.001", "compliance", "0.8", "compliance", "0"]
+    assert "compliance: the largest penetration over the largest force" in lines
+    code, _, error = call("effects", "force_lack")
+    assert (code, error[:32]) == (2, "no effect 'force_lack'; one of: ")
 
 
 def test_the_set_that_predicts_best_is_said_once():
