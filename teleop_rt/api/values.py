@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+from teleop_rt.config.shown_unit import shown_unit
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Parameter:
@@ -30,7 +32,7 @@ class Parameter:
 
     def __repr__(self) -> str:
         spread = "" if self.std is None else f" ± {self.std:.2g}"
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        unit = "" if self.unit == "1" else f" {shown_unit(self.unit)}"
         note = "" if self.identified else " (not identified)"
         return f"{number(self.value)}{spread}{unit}{note}"
 

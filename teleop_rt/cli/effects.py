@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from teleop_rt.config.shown_unit import shown_unit
 from teleop_rt.errors import ExpectedError
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def _print_parameters(laws: list[Effect]) -> None:
             used.add(scale)
             values = (_number(bounds[key], scale) for key in ("lower", "upper", "neutral"))
             shown = (law.law or "-") if row == 0 else ""
-            table.add_row(shown, bounds["name"], bounds["unit"], *values)
+            table.add_row(shown, bounds["name"], shown_unit(bounds["unit"]), *values)
     output().print(table, highlight=False)
     for scale in sorted(used - {""}):
         output().print(f"{scale}: {SCALES[scale]}", highlight=False)

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from teleop_rt.batch.workers import Workers
+from teleop_rt.config.shown_unit import shown_unit
 from teleop_rt.estimation.report import best_first
 from teleop_rt.metrics import in_percent
 from teleop_rt.offline.find import names_one
@@ -184,7 +185,7 @@ def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
 
 def size_seen(effect: Mapping[str, Any]) -> str:
     """Return the size of an effect that would have been detected; its unit may name a shape."""
-    unit = "(ratio)" if effect["unit"] == "1" else effect["unit"]
+    unit = "(ratio)" if effect["unit"] == "1" else shown_unit(effect["unit"])
     for name, value in effect["shape"].items():
         unit = unit.replace(name, f"{value:.3g}")
     return f"{effect['name'].replace('_', ' ')} {_share(effect['size'])} {unit}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from teleop_rt.config.section import Units
+from teleop_rt.config.shown_unit import shown_unit
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.models import MODELS
 from teleop_rt.view.style import printed, with_unit
@@ -40,4 +41,4 @@ def parameter_unit(model: str, name: str, position_unit: str, force_unit: str) -
         .replace("{x}", position_unit)
         .replace("{f}", force_unit)
     )
-    return "-" if unit == "1" else printed(unit)
+    return "-" if unit == "1" else printed(shown_unit(unit))

@@ -10,6 +10,7 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Literal
 
+from teleop_rt.config.shown_unit import shown_unit
 from teleop_rt.estimation.rows import FROZEN_LABEL
 from teleop_rt.trial.grades import MARKS
 
@@ -188,7 +189,7 @@ def in_shown_unit(content: Any) -> Any:
     The larger of value and std chooses the unit, so that a value near 0 does not.
     """
     size = max((abs(content[key]) for key in ("value", "std") if content[key]), default=0.0)
-    factor, unit = _unit_of_size(size, content["unit"])
+    factor, unit = _unit_of_size(size, shown_unit(content["unit"]))
     scaled = {key: content[key] and factor * content[key] for key in ("value", "std")}
     return {**content, **scaled, "unit": unit} if unit != content["unit"] else content
 
@@ -227,12 +228,29 @@ def parameter(name: str, content: Any) -> str:
     """Return `k = 3600.3 ± 0.45 N/m` of a parameter as in summary.json."""
     if content["value"] is None:
         return f"{name} –"
+    if _undetermined(name, content["value"], content["std"]):
+        return f"{name}: not determined"
     content = in_shown_unit(content)
     std = content["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
     note = " (not identified)" if content.get("identified") is False else ""
     return f"{name} = {_as_sure(content['value'], std):.5g}{spread}{unit}{note}"
+
+
+def _undetermined(name: str, value: float, std: float | None) -> bool:
+    """Return whether a size of an effect is as unsure as all the sizes in which it is sought.
+
+    A bound is no more than the value times the range's ratio. A place, or another parameter that
+    may be 0, is not meant: near 0 its deviation says how near.
+    """
+    if std is None or std <= abs(value):
+        return False
+    from teleop_rt.contact.effects import LIBRARY  # noqa: PLC0415 - loads compilers
+
+    of_name = [s for e in LIBRARY for s in e.shapes if s.name == name.replace(" ", "_")]
+    sizes = [shape for shape in of_name if shape.logarithmic and shape.lower > 0.0]
+    return bool(sizes) and all(std > abs(value) * s.upper / s.lower for s in sizes)
 
 
 def _as_sure(value: float, std: float | None) -> float:

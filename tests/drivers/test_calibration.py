@@ -220,12 +220,12 @@ def test_results_are_printed_in_words_and_columns_with_the_units_of_the_rig():
         list(lines(results, Units(position=x, force=f))) for x, f in (("m", "N"), ("rad", "Nm"))
     )
     assert linear == [
-        "mass                                0.2512 N s^2/m",
+        "mass                                0.2512 kg",
         "dry friction                        0.2 N",
         "latency                             0.002 s",
         "share of the push left unexplained  0.011",
     ]
-    assert rotary[0].endswith("0.2512 Nm s^2/rad")
+    assert rotary[0].endswith("0.2512 kg m^2")
     found = {"verdict": "named", "payload_inertia.mass": 2.0}
     assert list(lines(found, Units(position="m", force="N"), {"payload_inertia.mass": "kg"})) == [
         "verdict                named",

@@ -35,6 +35,27 @@ def test_an_exponent_is_raised_where_it_can_be(unit, shown):
     assert printed(unit) == shown
 
 
+@pytest.mark.parametrize(("unit", "shown"), [("N s^2/m", "kg"), ("Nm s^2/rad", "kg m²")])
+def test_a_mass_is_shown_in_kilograms(unit, shown):
+    assert parameter("m", {"value": 0.0026, "std": 1e-4, "unit": unit}) == (
+        f"m = 0.0026 ± 0.0001 {shown}"
+    )
+    force, _, position = unit.partition(" s^2/")
+    assert parameter_unit("mass", "m", position, force) == shown
+
+
+def test_a_size_with_a_deviation_beyond_its_range_is_not_determined():
+    """It was shown as 0 ± 940: the value had no digit left."""
+    unsure = {"value": 0.012, "std": 940.0, "unit": "m/s"}
+    assert parameter("smoothing_velocity", unsure) == "smoothing_velocity: not determined"
+    assert parameter("smoothing velocity", unsure) == "smoothing velocity: not determined"
+    wide = parameter("smoothing_velocity", unsure | {"std": 0.02})
+    assert wide == "smoothing_velocity = 0.012 ± 0.02 m/s"
+    assert parameter("rest", {"value": 1e-5, "std": 2e-3, "unit": "m"}).startswith(
+        "rest = 0 ± 2 mm"
+    )
+
+
 def test_an_effect_beside_a_model_has_its_own_unit():
     assert parameter_unit("kelvin-voigt", "return_spring", "m", "N") == "N/m"
 

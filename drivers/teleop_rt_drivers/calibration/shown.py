@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from teleop_rt.config.section import Units
+from teleop_rt.config.shown_unit import shown_unit
 
 WORDS = {
     "factor": ("correction factor for the scale in the file", ""),
@@ -52,4 +53,4 @@ def lines(
         value = results[name]
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         in_units = unit.replace("{f}", units.force).replace("{x}", units.position)
-        yield f"{words:{width}}  {text} {in_units}".removesuffix(" 1").rstrip()
+        yield f"{words:{width}}  {text} {shown_unit(in_units)}".removesuffix(" 1").rstrip()
