@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from teleop_rt_dev.faults.soak import soak
+from teleop_rt_dev.faults.soak import after_minutes, soak
 
 
 def main(arguments: list[str]) -> int:
@@ -20,7 +20,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args(arguments)
-    found = soak(chosen.minutes, chosen.seed)
+    found = soak(after_minutes(chosen.minutes), chosen.seed)
     if chosen.json:
         print(json.dumps(found))
     else:

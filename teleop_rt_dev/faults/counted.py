@@ -16,7 +16,7 @@ from teleop_rt.config.yaml_file import ConfigError
 from teleop_rt.realtime.export import recover
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.signals import SLAVE, columns
-from teleop_rt_dev.faults.soak import soak
+from teleop_rt_dev.faults.soak import after_faults, soak
 from teleop_rt_dev.faults.table import result
 from teleop_rt_dev.link.attacks import attack
 from teleop_rt_dev.link.pair import Pair
@@ -25,6 +25,7 @@ from teleop_rt_dev.paths import CONFIG
 UNITS = Units(position="m", force="N")
 STAMP = columns(SLAVE)["stamp_ns"]
 PACKETS = "packets replayed, flipped, foreign"
+SOAK_FAULTS = 100
 
 
 def packets(count: int, seed: int) -> dict[str, Any]:
@@ -94,9 +95,9 @@ def cut_everywhere() -> dict[str, Any]:
     return result("recording cut at every byte", len(data) + 1, problem, "readable")
 
 
-def soaked(minutes: float, seed: int) -> dict[str, Any]:
+def soaked(faults: int, seed: int) -> dict[str, Any]:
     """Harm a daemon at random; memory and descriptors stay the same."""
-    found = soak(minutes, seed)
+    found = soak(after_faults(faults), seed)
     state = f"{found['grown_KiB']} KiB, {found['new_descriptors']} descriptors more"
     problem = "" if found["holds"] else f"{state}; {found['problems']}"
     return result("soak", sum(found["faults"].values()), problem, state)
@@ -107,4 +108,4 @@ def counted(seeds: int, packet_count: int, configs: int) -> Iterator[Any]:
     yield PACKETS, lambda: packets(packet_count, seeds)
     yield "mutated YAML", lambda: mutated_configs(configs, seeds)
     yield "recording cut at every byte", cut_everywhere
-    yield "soak", lambda: soaked(1.0, seeds)
+    yield "soak", lambda: soaked(SOAK_FAULTS, seeds)

@@ -1,7 +1,8 @@
 """A soak: random faults on the slave daemon, healed, reset and armed again; nothing may grow.
 
-Minutes are of this machine's time, stepped as fast as it can. Memory and descriptors are compared
-between the end of the first quarter and the end.
+It ends after minutes of this machine's time, stepped as fast as it can, or after a number of
+faults, and is then the same on each machine. Memory and descriptors are compared between the end of
+the first quarter and the end.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import random
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +22,9 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.rig import DeviceName
 
 MOST_GROWTH_KIB = 4096
-"""Room for the allocator; a leak of 100 bytes a tick is 6 MB in a minute at 1 kHz."""
+"""Room for the allocator; a leak of 100 bytes a tick is 7 MB in the last 75 of 100 faults."""
+FIRST_QUARTER = 0.25
+"""Share of a soak in which caches and pools fill."""
 DEVICES: tuple[DeviceName, ...] = ("encoder", "force sensor", "drive")
 FAULTS = ("mute", "freeze", "wrong_length", "corrupt", "duplicate", "delay", "reset", "emergency")
 
@@ -74,22 +78,29 @@ class Soak:
         world.states.clear()
 
 
-def soak(minutes: float, seed: int) -> dict[str, Any]:
-    """Return the result of a soak of so many minutes."""
-    end = time.monotonic() + 60 * minutes
-    settled = time.monotonic() + 15 * minutes
+def after_minutes(minutes: float) -> Callable[[Soak], float]:
+    """Return a function of a soak that gives the share of the minutes that have passed."""
+    begun = time.monotonic()
+    return lambda _: (time.monotonic() - begun) / (60 * minutes)
+
+
+def after_faults(count: int) -> Callable[[Soak], float]:
+    """Return a function of a soak that gives the share of the faults that were injected."""
+    return lambda one: one.faults.total() / count
+
+
+def soak(share: Callable[[Soak], float], seed: int) -> dict[str, Any]:
+    """Return the result of a soak until its `share` is 1."""
     with tempfile.TemporaryDirectory() as ring_folder:
         one = Soak(Path(ring_folder), seed)
-        memory = files = rounds = 0
-        while time.monotonic() < end:
+        memory = files = 0
+        while (played := share(one)) < 1.0:
             one.step()
-            rounds += 1
-            if not memory and time.monotonic() > settled:
+            if not memory and played > FIRST_QUARTER:
                 memory, files = resident_kib(), descriptors()
         grown, opened = resident_kib() - memory, descriptors() - files
         return {
             "campaign": "soak",
-            "minutes": minutes,
             "ticks": one.world.slave.tick,
             "missed_ticks": one.world.slave.missed_ticks,
             "faults": dict(one.faults),
