@@ -11,7 +11,7 @@ from scipy.signal import TransferFunction, lsim
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.needed import needed_pairs
+from teleop_rt.diagnosis.inference.needed import needed_sets
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.inference.second import both_needed
@@ -40,7 +40,7 @@ def test_a_single_fit_in_a_local_minimum_is_improved_by_a_pair() -> None:
         problem.solve(CandidateModel(base_of("kelvin-voigt"), (offset,)), np.array([SHIFT_M / 2]))
     )
     left = lack_of_fit(problem, alone, tangent_space(problem, alone))
-    pairs, (best, *_) = needed_pairs(rank, left, [stuck], (offset, bias))
+    pairs, (best, *_) = needed_sets(rank, left, [stuck], (offset, bias))
     assert pairs == []
     assert abs(best.fit.zeta[0] - SHIFT_M) < 1e-5
     assert best.fit.chi2 < 0.5 * stuck.fit.chi2

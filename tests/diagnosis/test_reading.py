@@ -7,7 +7,7 @@ import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.inference.needed import needed_pairs
+from teleop_rt.diagnosis.inference.needed import needed_sets
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base
@@ -93,7 +93,7 @@ def test_a_second_effect_must_exceed_the_firsts_encoder_errors() -> None:
     heavy = rank(problem.solve(model, np.zeros(0)))
     assert rank.floor_of(heavy.fit) > 5.0 * rank.floor
     left = lack_of_fit(problem, rank.base, tangent_space(problem, rank.base))
-    assert needed_pairs(rank, left, [heavy], LIBRARY) == ([], [heavy])
+    assert needed_sets(rank, left, [heavy], LIBRARY) == ([], [heavy])
 
 
 @pytest.mark.parametrize(("mass", "step"), [(0.3, 2e-5), (0.5, 1e-5), (2.0, 1e-5)])

@@ -19,6 +19,7 @@ from teleop_rt.diagnosis.inference.search import (
     with_past,
 )
 from teleop_rt.diagnosis.inference.starts import Start
+from teleop_rt.diagnosis.inference.verdict import SPECIAL_CASE_OF
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 
@@ -72,17 +73,17 @@ def _starts(
     effects: tuple[Effect, ...],
 ) -> list[Start]:
     """Return starts of the likeliest pairs, each beside one of the best single effects."""
-    found: list[tuple[float, str, Start]] = []
+    found: list[tuple[float, tuple[str, ...], Start]] = []
     least = min(fit.chi2 for fit in singles)
     firsts = [f for f in singles if f.chi2 - least <= (1.0 - FIRST_SHARE) * (base.chi2 - least)]
     for first in firsts[:FIRSTS]:
-        others = tuple(e for e in effects if not same_physics(e, first.model.effects[0]))
+        others = tuple(e for e in effects if not _same_as_any(e, first))
         seconds = screen_coarsely(problem, lower, first, others)[:8]
-        found += [(first.chi2 - s.gain, first.names[0], s) for s in seconds]
+        found += [(first.chi2 - s.gain, first.names, s) for s in seconds]
     found.sort(key=lambda item: item[0])
     chosen: dict[tuple[str, ...], Start] = {}
-    for _, first_name, start in found:
-        chosen.setdefault((first_name, start.effect.name, start.effect.law), start)
+    for _, names, start in found:
+        chosen.setdefault((*names, start.effect.name, start.effect.law), start)
     return list(chosen.values())[:SECONDS]
 
 
@@ -93,17 +94,19 @@ def exchanged(
 
     The search starts from the parameters that the kept member has in the pair. Fitted alone, its
     parameters may compensate for the missing effect and hide it. With `within_family` only effects
-    of the member's own family are tried: they are its closest rivals, however well the pair fits.
+    of the member's own family and its special case are tried: they are its closest rivals, however
+    well the pair fits.
     """
     lower, fits = at_lower_rates(problem), []
     for member in range(len(pair.names)):
         kept, left = problem.solve(*without(pair, member)), pair.model.effects[member]
+        special = SPECIAL_CASE_OF.get(left.name)
         others = tuple(
             e
             for e in effects
             if e.name != left.name
-            and not same_physics(e, kept.model.effects[0])
-            and (e.family == left.family or not within_family)
+            and not _same_as_any(e, kept)
+            and (e.family == left.family or e.name == special or not within_family)
         )
         starts = screen_coarsely(problem, lower, kept, others)[:_MOST_EXCHANGED]
         near, _ = lower[0].around(problem, kept)
@@ -160,6 +163,10 @@ def same_physics(one: Effect, other: Effect) -> bool:
     return names <= _FRICTION_NAMES and (
         at_same_places or one.without_contact or other.without_contact
     )
+
+
+def _same_as_any(effect: Effect, fit: Fit) -> bool:
+    return any(same_physics(effect, member) for member in fit.model.effects)
 
 
 def fit_without(problem: Problem, fit: Fit, member: int) -> Fit:

@@ -12,13 +12,13 @@ from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.applicable import applicable
-from teleop_rt.diagnosis.inference.needed import needed_pairs
+from teleop_rt.diagnosis.inference.needed import needed_sets
 from teleop_rt.diagnosis.inference.pairs import alike
 from teleop_rt.diagnosis.inference.ranked import Ranked, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.inference.verdict import Judgement, joined, judge
-from teleop_rt.diagnosis.inference.weighing import weigh_singles
+from teleop_rt.diagnosis.inference.weighing import weigh_singles, with_noise_of
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
@@ -41,6 +41,7 @@ from teleop_rt.recordings.rows import Stretch
 
 INCONCLUSIVE = ("partial", "unexplained")
 _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
+_NOISE_ROUNDS = 2  # of sets, at most, each with the noise that the round before leaves
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
 _UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
 
@@ -141,13 +142,18 @@ def _judged(
     enter("trying single effects")
     problem, alone, singles = weigh_singles(problem, fast, alone, library)
     step = resolution_step(recording.position, recording.dt)
-    own = tangent_space(problem, alone)
-    alone = within_a_step(problem, alone, step, own)
-    rank = Ranking(problem, alone, errors, step)
-    left = lack_of_fit(problem, alone, own)
-    ranked = [rank(fit) for fit in singles]
-    enter("trying pairs of effects")
-    pairs, ranked = needed_pairs(rank, left, ranked, library)
+    for _ in range(_NOISE_ROUNDS):
+        own = tangent_space(problem, alone)
+        alone = within_a_step(problem, alone, step, own)
+        rank = Ranking(problem, alone, errors, step)
+        left = lack_of_fit(problem, alone, own)
+        ranked = [rank(fit) for fit in singles]
+        enter("trying pairs of effects")
+        pairs, ranked = needed_sets(rank, left, ranked, library)
+        quieter = _quieter(problem, alone, ranked, pairs)
+        if quieter is None:
+            break
+        problem, alone, singles = quieter
     weighed = weighed_errors(rank, ranked, pairs)
     judgement = judge(left, *weighed, rank.floor)
     if judgement.verdict == "no_missing_effect" and _exceeds_noise(problem, alone, rank.rows):
@@ -157,6 +163,19 @@ def _judged(
         judgement = joined(judgement, rank(other))
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, errors, rank.rows, {})
+
+
+def _quieter(
+    problem: Problem, alone: Fit, singles: list[Ranked], sets: list[Ranked]
+) -> tuple[Problem, Fit, list[Fit]] | None:
+    """Return problem, base and single effects with the noise of the likeliest set.
+
+    None without a set, or if its noise is hardly less.
+    """
+    if not sets:
+        return None
+    best = min(sets, key=lambda r: r.fit.bic)
+    return with_noise_of(problem, alone, [r.fit for r in singles], best.fit)
 
 
 def _complete(judgement: Judgement) -> bool:

@@ -10,6 +10,7 @@ effect is needed if it is likelier than all these.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,42 +47,50 @@ _MEMORIES = 5  # time constants between the two, a few of them in each decade
 _NEAR = 0.1  # of the largest speed or depth, within which a law starts or turns over
 
 
-def both_needed(
-    problem: Problem, pair: Ranked, singles: dict[str, Ranked], excess: float, floor: float
-) -> bool:
-    """Return whether both effects of a pair are needed, each given the other.
+def parts_of(fit: Fit) -> list[frozenset[str]]:
+    """Return the names of a fit's effects without each one in turn."""
+    return [frozenset(fit.names) - {name} for name in fit.names]
 
-    The pair must be likelier than its best member, and than the best single effect of all, beside
-    the errors of each law's form; and gain more than encoder errors (`floor`) along it can.
+
+def all_needed(
+    problem: Problem,
+    longer: Ranked,
+    shorter: Mapping[frozenset[str], Ranked],
+    excess: float,
+    floor: float,
+) -> bool:
+    """Return whether every effect of a set is needed, given the others.
+
+    The set must be likelier than its best part, and than the best set of all with one effect less,
+    beside the errors of each law's form; and gain more than encoder errors (`floor`) along it can.
     `excess` is the energy of the base's residual above the noise, but for a tone's.
     """
-    alone = [singles[name] for name in pair.fit.names if name in singles]
-    if len(alone) < len(pair.fit.names):
-        alone += [
-            replace(pair, fit=fit_without(problem, pair.fit, 1 - i), gain=0.0, delta_bic=0.0)
-            for i, name in enumerate(pair.fit.names)
-            if name not in singles
-        ]
+    alone = [
+        shorter[part]
+        if part in shorter
+        else replace(longer, fit=fit_without(problem, longer.fit, i), gain=0.0, delta_bic=0.0)
+        for i, part in enumerate(parts_of(longer.fit))
+    ]
     best = min(alone, key=lambda r: r.fit.bic)
-    if not all(r.fit.bic - pair.fit.bic > CERTAIN_BIC for r in alone):
+    if not all(r.fit.bic - longer.fit.bic > CERTAIN_BIC for r in alone):
         return False
-    # Only encoder errors along the pair may stand in for it: those at each touch are no bias.
-    by_encoder = ENCODER_ENERGY_RATIO * min(floor, pair.encoder_energy_along)
-    if best.fit.chi2 - pair.fit.chi2 <= by_encoder:
+    # Only encoder errors along the set may stand in for it: those at each touch are no bias.
+    by_encoder = ENCODER_ENERGY_RATIO * min(floor, longer.encoder_energy_along)
+    if best.fit.chi2 - longer.fit.chi2 <= by_encoder:
         return False
-    # A single effect outside the pair that leaves less is the same claim with one name less.
-    rival = min(singles.values(), key=lambda r: r.fit.bic)
-    if rival is best and _takes_the_rest(pair, best):
+    # A shorter set outside it that leaves less is the same claim with one name less.
+    rival = min(shorter.values(), key=lambda r: r.fit.bic)
+    if rival is best and _takes_the_rest(longer, best):
         return True
     # The form of the first law may leave as much as this, but a partner does not take that.
     small = not best.tone_or_air_force and _rest(best) < SECOND_SHARE * excess
-    if small and not takes_nearly_all(pair, best):
+    if small and not takes_nearly_all(longer, best):
         return False
-    left = _Remainder.of(problem, pair, best, excess, floor)
+    left = _Remainder.of(problem, longer, best, excess, floor)
     rivals = (best.fit,) if rival.fit is best.fit else (best.fit, rival.fit)
-    # The form of one law may explain all, and the pair leave a part to the unknown.
+    # The form of one law may explain all, and the set leave a part to the unknown.
     return all(
-        one.criterion(problem, fit) - one.criterion(problem, pair.fit) > CERTAIN_BIC
+        one.criterion(problem, fit) - one.criterion(problem, longer.fit) > CERTAIN_BIC
         for one in (left, left.without_unknown())
         for fit in rivals
     )
@@ -89,28 +98,31 @@ def both_needed(
 
 def extension_needed(
     problem: Problem,
-    pair: Ranked,
+    longer: Ranked,
     simpler: Ranked,
-    singles: dict[str, Ranked],
+    shorter: Mapping[frozenset[str], Ranked],
     excess: float,
     floor: float,
 ) -> bool:
-    """Return whether a pair is needed over the one with a special case of one of its effects.
+    """Return whether a set is needed over the one with a special case of one of its effects.
 
     It is if it is likelier beside the form errors of its laws, and gains more than another form of
-    that special case could (`SECOND_SHARE` of this one's gain beside the other member).
-    `excess` and `floor` are those of `both_needed`.
+    that special case could (`SECOND_SHARE` of this one's gain beside the other members).
+    `excess` and `floor` are those of `all_needed`.
     """
-    beside = [singles[name] for name in pair.fit.names if name in singles]
-    common = [one for one in beside if one.fit.names[0] in simpler.fit.names]
+    common = [
+        shorter[part]
+        for part in parts_of(longer.fit)
+        if part in shorter and part < frozenset(simpler.fit.names)
+    ]
     if not common:
         return False
     own = common[0].fit.chi2 - simpler.fit.chi2
-    if simpler.fit.chi2 - pair.fit.chi2 < SECOND_SHARE * own:
+    if simpler.fit.chi2 - longer.fit.chi2 < SECOND_SHARE * own:
         return False
-    alone = min(singles.values(), key=lambda r: r.fit.bic)
-    left = _Remainder.of(problem, pair, alone, excess, floor)
-    gain = left.criterion(problem, simpler.fit) - left.criterion(problem, pair.fit)
+    alone = min(shorter.values(), key=lambda r: r.fit.bic)
+    left = _Remainder.of(problem, longer, alone, excess, floor)
+    gain = left.criterion(problem, simpler.fit) - left.criterion(problem, longer.fit)
     return gain > CERTAIN_BIC
 
 

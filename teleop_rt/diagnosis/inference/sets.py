@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
-from teleop_rt.diagnosis.criteria import LEAST_GAIN
+from teleop_rt.diagnosis.criteria import LEAST_GAIN, MOST_EFFECTS
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.laws import extended
@@ -26,7 +26,6 @@ from teleop_rt.diagnosis.inference.verdict import SPECIAL_CASE_OF
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 
-MOST_EFFECTS = 4  # a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`
 OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one recording alone
 _STARTS = 10  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import CERTAIN_BIC
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC, MOST_EFFECTS
 from teleop_rt.diagnosis.inference.laws import by_other_laws
 from teleop_rt.diagnosis.inference.pairs import coarse_pairs
 from teleop_rt.diagnosis.inference.polishing import polished
@@ -53,9 +53,25 @@ def weigh_singles(
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_WHITE_FITS])
         base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
-        pairs = coarse_pairs(fast, base, louder, library)[:_WHITE_FITS]
-        problem, alone, singles = _with_better_noise(problem, alone, singles, pairs)
+        for number in range(2, MOST_EFFECTS + 1):
+            before = float(np.mean(problem.whitener.density))
+            larger = coarse_pairs(fast, base, louder, library)[:_WHITE_FITS]
+            problem, alone, singles = _with_better_noise(problem, alone, singles, larger)
+            falls = np.mean(problem.whitener.density) < _FALLING_POWER_RATIO * before
+            if not larger or not _looks_red(problem, fast) or (number > 2 and not falls):
+                break
+            louder = [fast.solve(f.model, f.zeta, f.theta) for f in larger]
     return problem, alone, singles
+
+
+def with_noise_of(
+    problem: Problem, alone: Fit, singles: list[Fit], best: Fit
+) -> tuple[Problem, Fit, list[Fit]] | None:
+    """Return problem, base and single effects with the noise of a set, None if it is no less."""
+    fresh = noise_from(problem, best)
+    if np.mean(fresh.density) > _FALLING_POWER_RATIO * np.mean(problem.whitener.density):
+        return None
+    return _with_better_noise(problem, alone, singles, [best])
 
 
 def _with_settled_noise(
