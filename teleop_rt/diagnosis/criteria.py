@@ -50,8 +50,6 @@ UNKNOWN_DIRECTIONS = 40.0
 """Independent values of the unknown remainder; 20 to 70 give equal verdicts on synthetic data."""
 EFFECT_COST = 15.0
 """-2 log prior of one more effect of about 30, and Occam's factor of its parameters."""
-MOST_EFFECTS = 4
-"""Effects in a set: a fifth lowers no error of a measured recording by as much as `LEAST_GAIN`."""
 LEAST_GAIN = 0.04
 """Share of the energy on inner blocks that one more effect must explain: 2 % of the error."""
 LEAST_SHARE = 0.2

@@ -14,7 +14,7 @@ from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.needed import needed_sets
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.search import fit_base
-from teleop_rt.diagnosis.inference.second import both_needed
+from teleop_rt.diagnosis.inference.second import all_needed
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.models.model import CandidateModel
@@ -63,12 +63,12 @@ def test_a_pair_is_compared_with_effects_whose_amplitudes_are_zero() -> None:
         return problem.solve(CandidateModel(base, effects), np.zeros(0))
 
     pair = rank(solved(*effects))
-    singles = {rival.name: rank(solved(rival))}
+    singles = {frozenset({rival.name}): rank(solved(rival))}
     for effect in effects:
         fit = solved(effect)
         without_force = replace(fit, theta=np.append(alone.theta, 0.0), residual=alone.residual)
-        singles[effect.name] = rank(without_force)
-    assert both_needed(problem, pair, singles, pair.gain, 0.0)
+        singles[frozenset({effect.name})] = rank(without_force)
+    assert all_needed(problem, pair, singles, pair.gain, 0.0)
 
 
 def test_the_likelihood_decides_between_a_needed_pair_and_its_special_case() -> None:

@@ -87,3 +87,13 @@ def test_a_tone_a_bias_and_a_friction_are_named_together() -> None:
     force = _body(x, v) + 0.2 * np.sin(2.0 * np.pi * 7.3 * _T) + 0.15 + 30.0 * v
     names = {e["name"] for e in _answer(x, force, 5)["effects"]}
     assert names == {"periodic_disturbance", "force_bias", "viscous_friction"}
+
+
+def test_a_set_that_leaves_a_chirp_is_less_probable() -> None:
+    """A motor that runs up, beside an inertia and a friction, has the spectrum of noise."""
+    x, v, a = _moved(6)
+    chirp = 0.09 * np.sin(2.0 * np.pi * (3.0 * _T + 2.5 * _T**2))
+    answer = _answer(x, _body(x, v) + 0.7 * a + 0.25 * np.tanh(v / 2e-4) + chirp, 6)
+    assert {e["name"] for e in answer["effects"]} == {"tool_inertia", "coulomb_friction"}
+    assert max(answer["probability"].values()) <= 0.7
+    assert any("beside the named effects" in note for note in answer["notes"])

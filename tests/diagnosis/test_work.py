@@ -42,7 +42,7 @@ class Count:
     [
         ((), 800, 400),
         (("coulomb_friction",), 1650, 1280),
-        (("channel_delay", "force_bias"), 2050, 2210),
+        (("channel_delay", "force_bias"), 2350, 2620),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

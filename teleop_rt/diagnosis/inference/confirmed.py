@@ -10,6 +10,7 @@ from teleop_rt.diagnosis.answers.errors import Blocks
 from teleop_rt.diagnosis.criteria import (
     EXCESS_NOISE_RATIO,
     HIDDEN_SHARE,
+    HIGHEST_BESIDE_UNKNOWN,
     NAMED_SHARE,
     PARTIAL_SHARE,
     REDRAWN_NOISE_RATIO,
@@ -72,7 +73,7 @@ def confirmed(recording: Recording, weighed: Diagnosis, effects: tuple[Effect, .
     if found is not None:
         made = _confirmed_on_blocks(weighed, plain, found)
         if made.found.judgement.sets:
-            return made
+            return _beside_noise_alone(made)
     found = judge_with_unknown_remainder(plain, recording, effects)
     made = _confirmed_on_blocks(weighed, found, found)
     if made.found.judgement.verdict == "unexplained" and _is_hidden(weighed):
@@ -86,6 +87,20 @@ def _nothing_missing(weighed: Diagnosis) -> Judged:
         unexplained = replace(weighed.judgement, verdict="unexplained")
         weighed = replace(weighed, judgement=unexplained)
     return replace(_confirmed_on_blocks(weighed, weighed, weighed), signs=signs)
+
+
+def _beside_noise_alone(made: Judged) -> Judged:
+    """Return the judgement, less probable if the residual of its named set is no noise.
+
+    Of six sets in recordings by others with such a residual three were right, of 57 without it 50.
+    """
+    found, judgement = made.found, made.found.judgement
+    if not (signs := not_noise(found.problem, found.best, found.errors)):
+        return made
+    known = judgement.probability or likelihoods(judgement)
+    probability = {name: min(p, HIGHEST_BESIDE_UNKNOWN) for name, p in known.items()}
+    judgement = replace(judgement, probability=probability)
+    return replace(made, found=replace(found, judgement=judgement), signs=signs)
 
 
 def _hiding(weighed: Diagnosis, note: str) -> Judged:

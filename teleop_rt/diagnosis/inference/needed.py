@@ -5,8 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import CERTAIN_BIC, MOST_EFFECTS, NAMED_SHARE
-from teleop_rt.diagnosis.inference.pairs import MOST_PAIRS, exchanged, fit_without, search_pairs
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE
+from teleop_rt.diagnosis.inference.pairs import (
+    MOST_EFFECTS,
+    MOST_PAIRS,
+    exchanged,
+    fit_without,
+    search_pairs,
+)
 from teleop_rt.diagnosis.inference.ranked import Ranked, certain, excess_of, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.second import all_needed, extension_needed, parts_of
@@ -15,7 +21,7 @@ from teleop_rt.diagnosis.inference.verdict import simpler_names
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import LackOfFit
 
-_FIRSTS = 2  # needed sets beside which a third or fourth effect is searched
+_FIRSTS = 3  # needed sets beside which a third or fourth effect is searched
 Known = dict[frozenset[str], Ranked]
 """The best law of each set of names."""
 

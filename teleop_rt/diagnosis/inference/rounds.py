@@ -25,6 +25,7 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import input_errors, knowing_encoder, within_a_step
 from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels
 from teleop_rt.diagnosis.noise.structure import (
+    LackOfFit,
     lack_of_fit,
     noise_from,
     pressed_all_along,
@@ -41,7 +42,7 @@ from teleop_rt.recordings.rows import Stretch
 
 INCONCLUSIVE = ("partial", "unexplained")
 _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
-_NOISE_ROUNDS = 2  # of sets, at most, each with the noise that the round before leaves
+_AGAIN = 6  # evaluations of a descent by another noise, from the optimum by the first one
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
 _UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
 
@@ -142,18 +143,18 @@ def _judged(
     enter("trying single effects")
     problem, alone, singles = weigh_singles(problem, fast, alone, library)
     step = resolution_step(recording.position, recording.dt)
-    for _ in range(_NOISE_ROUNDS):
-        own = tangent_space(problem, alone)
-        alone = within_a_step(problem, alone, step, own)
-        rank = Ranking(problem, alone, errors, step)
-        left = lack_of_fit(problem, alone, own)
-        ranked = [rank(fit) for fit in singles]
-        enter("trying pairs of effects")
-        pairs, ranked = needed_sets(rank, left, ranked, library)
-        quieter = _quieter(problem, alone, ranked, pairs)
-        if quieter is None:
-            break
+    rank, left, alone = _ranking(problem, alone, errors, step)
+    ranked = [rank(fit) for fit in singles]
+    enter("trying pairs of effects")
+    pairs, ranked = needed_sets(rank, left, ranked, library)
+    if (quieter := _quieter(problem, alone, ranked, pairs)) is not None:
         problem, alone, singles = quieter
+        rank, left, alone = _ranking(problem, alone, errors, step)
+        ranked = [rank(fit) for fit in singles]
+        pairs = [rank(problem.refine(r.fit.model, r.fit.zeta, _AGAIN)) for r in pairs]
+        best = min(pairs, key=lambda r: r.fit.bic)
+        if len(best.fit.names) > 2 or leaves_structure(best.left, rank.floor):
+            pairs, ranked = needed_sets(rank, left, ranked, library)
     weighed = weighed_errors(rank, ranked, pairs)
     judgement = judge(left, *weighed, rank.floor)
     if judgement.verdict == "no_missing_effect" and _exceeds_noise(problem, alone, rank.rows):
@@ -163,6 +164,15 @@ def _judged(
         judgement = joined(judgement, rank(other))
     candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, errors, rank.rows, {})
+
+
+def _ranking(
+    problem: Problem, alone: Fit, errors: list[RecordedMotion], step: float
+) -> tuple[Ranking, LackOfFit, Fit]:
+    """Return the ranking against the base alone, its lack of fit, and the base within a step."""
+    own = tangent_space(problem, alone)
+    alone = within_a_step(problem, alone, step, own)
+    return Ranking(problem, alone, errors, step), lack_of_fit(problem, alone, own), alone
 
 
 def _quieter(

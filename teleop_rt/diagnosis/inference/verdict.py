@@ -62,10 +62,18 @@ def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
     """Return the energy below which differences between laws do not distinguish them.
 
     The misfit of the closest law limits the comparison, and differences below half a percent of
-    the excess do not count. If the closest law leaves no structure, only its misfit counts.
+    the excess do not count. If the closest law leaves no structure, or is a set of three effects or
+    more, which leaves next to nothing, only its misfit counts.
     """
     misfit = max(closest.left.excess, 0.0)
-    return max(misfit, SAME_SHARE * excess) if leaves_structure(closest.left, floor) else misfit
+    if _is_larger(closest) or not leaves_structure(closest.left, floor):
+        return misfit
+    return max(misfit, SAME_SHARE * excess)
+
+
+def _is_larger(ranked: Ranked) -> bool:
+    """Return whether a set has three effects or more: `needed.py` has shown that it is complete."""
+    return len(ranked.fit.names) > 2
 
 
 def _preference(rival: Ranked, closest: Ranked) -> float:
@@ -97,13 +105,14 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
 
     No data could exclude such a set: no motion shows a Stribeck effect of size zero. It must gain
     more over the set with the simpler effect than chance gives, and more than another form of that
-    effect could (`SECOND_SHARE`).
+    effect could (`SECOND_SHARE`), or than a larger set leaves.
     """
     by_names = {frozenset(r.fit.names): r for r in candidates}
 
     def gains_over_simpler(ranked: Ranked) -> bool:
         simpler = (by_names.get(names) for names in simpler_names(frozenset(ranked.fit.names)))
-        least = max(SPECIAL_CASE_GAIN, SECOND_SHARE * excess)
+        form = ranked.left.excess if _is_larger(ranked) else SECOND_SHARE * excess
+        least = max(SPECIAL_CASE_GAIN, form)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
     return [r for r in candidates if gains_over_simpler(r)]

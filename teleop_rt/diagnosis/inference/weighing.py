@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.diagnosis.criteria import CERTAIN_BIC, MOST_EFFECTS
+from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.laws import by_other_laws
-from teleop_rt.diagnosis.inference.pairs import coarse_pairs
+from teleop_rt.diagnosis.inference.pairs import MOST_EFFECTS, coarse_pairs
 from teleop_rt.diagnosis.inference.polishing import polished
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,

@@ -71,6 +71,7 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     (`errors`, at least one) and converter through the fit.
     """
     used = problem.whitener.mask > 0.0
+    whose = "the residual beside the named effects" if fit.names else "the base's residual"
     rows = np.vstack((problem.residual(fit), _draws(problem, fit, errors)))
     seen, *drawn = (_signature(row, problem.motion, used) for row in rows)
     repeats, levels, skew, bursts, follows = (
@@ -79,7 +80,7 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     found = []
     if seen.repeats > max(_REPEATED, float(np.max(repeats))):
         found.append(
-            "the base's residual repeats with the position (correlation of both halves of the"
+            f"{whose} repeats with the position (correlation of both halves of the"
             f" recording {seen.repeats:.2f}): a force along the travel that no effect describes,"
             " such as a rough track, a friction at one place or a drive's own; record its map, or"
             " draft a law for --effects"
@@ -87,34 +88,35 @@ def not_noise(problem: Problem, fit: Fit, errors: list[RecordedMotion]) -> list[
     for ratio, most, cause in zip(seen.levels, np.max(levels, axis=0), _CAUSES, strict=True):
         if ratio > _LEVEL_RATIO * most:
             found.append(
-                f"the base's residual looks like noise, but its level changes with the {cause[0]},"
+                f"{whose} looks like noise, but its level changes with the {cause[0]},"
                 f" by a factor of {ratio:.2g}: {cause[1]}, no sensor"
             )
     if seen.skew > max(_SKEWED, _SKEW_RATIO * float(np.max(skew))):
         found.append(
-            "the base's residual has the spectrum of noise, but lies to one side: pulses of force"
+            f"{whose} has the spectrum of noise, but lies to one side: pulses of force"
             " at some moments, such as a muscle's, a valve's or a knock; the figure of the residual"
             " shows when"
         )
     if seen.bursts > _BURST_RATIO * float(np.max(bursts)):
         found.append(
-            "the base's residual has the spectrum of noise, but comes in bursts (the mean power of"
+            f"{whose} has the spectrum of noise, but comes in bursts (the mean power of"
             f" {_BURST_S:g} s is {seen.bursts:.2g} times the median): a frame that rings after a"
             " touch, a channel that stands still, or knocks; the figure of the residual shows when"
         )
     if seen.follows > _FOLLOWING and _odds(seen.follows) > _FOLLOWING_RATIO * _odds(max(follows)):
         found.append(
-            "the base's residual has the spectrum of noise, but follows the motion for some cycles"
+            f"{whose} has the spectrum of noise, but follows the motion for some cycles"
             f" ({seen.follows:.0%} of it is proportional to position and velocity there): the body,"
             " or a gain, changes in time, or something swings with the motion"
         )
-    return found + _beside_white_noise(problem, rows)
+    return found + _beside_white_noise(problem, rows, whose)
 
 
-def _beside_white_noise(problem: Problem, rows: Matrix) -> list[str]:
+def _beside_white_noise(problem: Problem, rows: Matrix, whose: str) -> list[str]:
     """Return the properties, not those of noise, of a residual's part beside the sensor's noise.
 
-    `rows` are the residual and the draws. White noise, which most sensors have, would hide them.
+    `rows` are the residual, which is `whose`, and the draws. White noise, which most sensors have,
+    would hide them.
     """
     used = problem.whitener.mask > 0.0
     coloured, share = problem.whitener.coloured(rows)
@@ -124,13 +126,13 @@ def _beside_white_noise(problem: Problem, rows: Matrix) -> list[str]:
     found = []
     if flatness < _FLAT_RATIO * min(flat):
         found.append(
-            "the base's residual looks like noise, but has an even amplitude: it jumps between two"
+            f"{whose} looks like noise, but has an even amplitude: it jumps between two"
             " levels (check plugs and wires of the force sensor, and its mount for play), or is a"
             " tone whose frequency changes, as of a motor that runs up"
         )
     elif np.any(jumps[0] > _JUMPS_RATIO * np.max(jumps[1:], axis=0)):
         found.append(
-            "the base's residual has the spectrum of noise, but jumps: a loose plug or wire, or a"
+            f"{whose} has the spectrum of noise, but jumps: a loose plug or wire, or a"
             " part that sticks and slips; the figure of the residual shows when"
         )
     return found
