@@ -123,14 +123,24 @@ def test_a_ripple_is_named_beside_a_lag_of_a_thousand_times_its_energy() -> None
 
 
 def test_a_name_that_leaves_thirty_times_the_noise_is_partly_named() -> None:
-    """A bias and a drift beside a stiff cubic body are one effect more than are searched."""
-    t, x, _, body = stiff_body()
-    answer = diagnose(
-        from_arrays("drifts", t, x, body + 0.3 + 0.2 * t / 16.0), "spring,viscous"
-    ).answer
+    """Bias, drift, friction and a tone beside a stiff cubic body: one more than are searched."""
+    t, x, v, body = stiff_body()
+    tone = 0.3 * np.sin(2.0 * np.pi * 5.3 * t) * np.sin(0.4 * t) ** 2
+    force = body + 0.3 + 0.2 * t / 16.0 + 0.4 * np.tanh(v / 5e-4) + tone
+    answer = diagnose(from_arrays("drifts", t, x, force), "spring,viscous").answer
     assert answer["error"]["after_over_floor"] > 2.0
     assert answer["verdict"] in {"partial", "class", "unexplained"}
     assert all(chance <= 0.5 for chance in answer["probability"].values())
+
+
+def test_a_layer_that_is_never_reached_is_no_third_effect() -> None:
+    """A bias and a drift beside a stiff cubic body: a layer far outside the travel is a bias."""
+    t, x, _, body = stiff_body()
+    force = body + 0.3 + 0.2 * t / 16.0
+    answer = diagnose(from_arrays("drifts", t, x, force), "spring,viscous").answer
+    names = {effect["name"] for effect in answer["effects"]}
+    assert names == {"nonlinear_stiffening", "force_bias", "force_drift"}
+    assert answer["error"]["after_over_floor"] < 1.05
 
 
 def test_the_law_of_a_partner_is_searched_again_within_its_family() -> None:

@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.inference.ranked import Ranked, certain, excess_of, lea
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.second import all_needed, extension_needed, parts_of
 from teleop_rt.diagnosis.inference.tones import adds_tone
+from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound
 from teleop_rt.diagnosis.inference.verdict import simpler_names
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import LackOfFit
@@ -63,10 +64,13 @@ def _bic(ranked: Ranked) -> float:
 def _complete(rank: Ranking, found: Ranked, known: Known) -> bool:
     """Return whether a set is a pair, or leaves at most a twentieth of what its best part leaves.
 
-    Each further effect takes a part of an unknown remainder.
+    Each further effect takes a part of an unknown remainder. A law at a bound stands in for another
+    effect: a layer far away for a bias.
     """
     if len(found.fit.names) == 2:
         return True
+    if at_wrong_bound(rank.problem, found.fit):
+        return False
     if not leaves_structure(found.left, max(rank.floor, rank.floor_of(found.fit))):
         return True
     best = min((known[part] for part in parts_of(found.fit)), key=_bic)
