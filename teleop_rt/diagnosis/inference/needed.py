@@ -62,7 +62,7 @@ def _bic(ranked: Ranked) -> float:
 
 
 def _complete(rank: Ranking, found: Ranked, known: Known) -> bool:
-    """Return whether a set is a pair, or leaves at most a twentieth of what its best part leaves.
+    """Return whether a set is a pair, or leaves at most a twentieth of the rest of its best part.
 
     Each further effect takes a part of an unknown remainder. A law at a bound stands in for another
     effect: a layer far away for a bias.
