@@ -9,7 +9,7 @@ import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.inference.coarse import at_lower_rates, coarsened
-from teleop_rt.diagnosis.inference.pairs import coarse_pairs
+from teleop_rt.diagnosis.inference.one_more import coarse_one_more
 from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base, search_singles
 from teleop_rt.diagnosis.inference.starts import Start
@@ -107,7 +107,7 @@ def test_the_coarse_search_finds_a_pair_near_its_optimum() -> None:
     problem = replace(problem, force=problem.force + 0.5)
     fit = fit_base(problem, base_of("kelvin-voigt"))
     singles = search_singles(problem, fit, FEW)
-    seen = coarse_pairs(problem, fit, singles, FEW)[0]
+    seen = coarse_one_more(problem, fit, singles, FEW)[0]
     assert set(seen.names) == {"nonlinear_stiffening", "force_bias"}
     there = problem.solve(seen.model, seen.zeta, seen.theta)
     assert there.chi2 < 1.01 * there.effective

@@ -10,7 +10,7 @@ import pytest
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.effects import find
 from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
-from teleop_rt.diagnosis.inference.pairs import same_physics
+from teleop_rt.diagnosis.inference.one_more import same_physics
 from teleop_rt.recordings.recording import from_arrays
 
 _DT = 1e-3

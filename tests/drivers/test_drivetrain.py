@@ -137,7 +137,7 @@ def test_a_spring_calibrates_the_lag_of_a_drive_s_torque(drive, tmp_path, call):
     recording = tmp_path / "spring" / "recording.mcap"
     code, out, err = call("calibrate", "lag", rig, recording, "--write")
     assert code == 0, err
-    printed = dict(re.findall(r"^(mass|stiffness) +([\d.]+) N", out, re.MULTILINE))
+    printed = dict(re.findall(r"^(mass|stiffness) +([\d.]+) (?:kg|N)", out, re.MULTILINE))
     assert float(printed["mass"]) == pytest.approx(2.0, rel=0.1)
     assert float(printed["stiffness"]) == pytest.approx(3600.0, rel=0.05)
     found = load_rig(rig, registry.AXIS_SCHEMAS)

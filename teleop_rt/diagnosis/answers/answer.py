@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Effect, Matrix
-from teleop_rt.diagnosis.inference.pairs import fit_without, without
+from teleop_rt.diagnosis.inference.one_more import fit_without, without
 from teleop_rt.diagnosis.inference.ranked import Ranked, explains, slack_of
 from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models.fit import Fit, Problem

@@ -29,7 +29,7 @@ from teleop_rt.diagnosis.criteria import (
     UNKNOWN_DIRECTIONS,
     WITHIN_REACH_BIC,
 )
-from teleop_rt.diagnosis.inference.pairs import same_physics
+from teleop_rt.diagnosis.inference.one_more import same_physics
 from teleop_rt.diagnosis.inference.ranked import family_of
 from teleop_rt.diagnosis.inference.sets import Scored
 from teleop_rt.diagnosis.inference.tones import adds_tone

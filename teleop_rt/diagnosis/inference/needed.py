@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC, NAMED_SHARE
-from teleop_rt.diagnosis.inference.pairs import (
+from teleop_rt.diagnosis.inference.one_more import (
     MOST_EFFECTS,
-    MOST_PAIRS,
+    MOST_RANKED,
     exchanged,
     fit_without,
-    search_pairs,
+    search_one_more,
 )
 from teleop_rt.diagnosis.inference.ranked import Ranked, certain, excess_of, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking
@@ -121,19 +121,19 @@ def _needed_longer(
 
 
 def _beside_special_cases(
-    pairs: list[Ranked], tried: list[Ranked], needed_over: Callable[[Ranked, Ranked], bool]
+    sets: list[Ranked], tried: list[Ranked], needed_over: Callable[[Ranked, Ranked], bool]
 ) -> list[Ranked]:
-    """Return the pairs and their special cases among those `tried`, unless one is needed over it.
+    """Return the sets and their special cases among those `tried`, unless one is needed over it.
 
-    The special case of a needed pair may absorb more of the other effect, which then gains less
+    The special case of a needed set may absorb more of the other effect, which then gains less
     beside it.
     """
 
-    def extends(pair: Ranked, simpler: Ranked) -> bool:
-        return frozenset(simpler.fit.names) in simpler_names(frozenset(pair.fit.names))
+    def extends(one: Ranked, simpler: Ranked) -> bool:
+        return frozenset(simpler.fit.names) in simpler_names(frozenset(one.fit.names))
 
-    plain = [one for one in tried if any(extends(pair, one) for pair in pairs)]
-    every = pairs + [one for one in plain if not any(one is pair for pair in pairs)]
+    plain = [one for one in tried if any(extends(larger, one) for larger in sets)]
+    every = sets + [one for one in plain if not any(one is larger for larger in sets)]
     return [one for one in every if not any(extends(p, one) and needed_over(p, one) for p in every)]
 
 
@@ -168,8 +168,8 @@ def _likeliest(
     """
     of_pairs = len(firsts[0].fit.names) > 1
     starts = [r.fit for r in firsts[: _FIRSTS if of_pairs else len(firsts)]]
-    fits = search_pairs(rank.problem, rank.base, starts, effects)
-    ranked = [rank(fit) for fit in fits[:MOST_PAIRS]]
+    fits = search_one_more(rank.problem, rank.base, starts, effects)
+    ranked = [rank(fit) for fit in fits[:MOST_RANKED]]
     if not ranked:
         return []
     known = {frozenset(r.fit.names): r for r in ranked}
@@ -177,7 +177,7 @@ def _likeliest(
     if of_pairs and not complete:
         return ranked
     others = exchanged(rank.problem, ranked[0].fit, effects, within_family=complete)
-    for fit in others[:MOST_PAIRS]:
+    for fit in others[:MOST_RANKED]:
         names = frozenset(fit.names)
         if names not in known or fit.bic < known[names].fit.bic:
             known[names] = rank(fit)

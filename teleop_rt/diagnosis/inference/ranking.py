@@ -200,8 +200,8 @@ class Ranking:
 
 
 def weighed_errors(
-    rank: Ranking, singles: list[Ranked], pairs: list[Ranked]
+    rank: Ranking, singles: list[Ranked], sets: list[Ranked]
 ) -> tuple[list[Ranked], list[Ranked]]:
-    """Return single effects and pairs; those near the best get their `encoder_misfits`."""
-    least = min((r.fit.chi2 for r in [*singles, *pairs]), default=0.0)
-    return rank.with_errors(singles, least), rank.with_errors(pairs, least)
+    """Return single effects and sets; those near the best get their `encoder_misfits`."""
+    least = min((r.fit.chi2 for r in [*singles, *sets]), default=0.0)
+    return rank.with_errors(singles, least), rank.with_errors(sets, least)

@@ -13,7 +13,7 @@ from teleop_rt.diagnosis.answers.experiment import Experiment
 from teleop_rt.diagnosis.criteria import EXCESS_NOISE_RATIO, REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.needed import needed_sets
-from teleop_rt.diagnosis.inference.pairs import alike
+from teleop_rt.diagnosis.inference.one_more import alike
 from teleop_rt.diagnosis.inference.ranked import Ranked, leaves_structure
 from teleop_rt.diagnosis.inference.ranking import Ranking, weighed_errors
 from teleop_rt.diagnosis.inference.search import fit_base
@@ -145,24 +145,24 @@ def _judged(
     step = resolution_step(recording.position, recording.dt)
     rank, left, alone = _ranking(problem, alone, errors, step)
     ranked = [rank(fit) for fit in singles]
-    enter("trying pairs of effects")
-    pairs, ranked = needed_sets(rank, left, ranked, library)
-    if (quieter := _quieter(problem, alone, ranked, pairs)) is not None:
+    enter("trying sets of effects")
+    sets, ranked = needed_sets(rank, left, ranked, library)
+    if (quieter := _quieter(problem, alone, ranked, sets)) is not None:
         problem, alone, singles = quieter
         rank, left, alone = _ranking(problem, alone, errors, step)
         ranked = [rank(fit) for fit in singles]
-        pairs = [rank(problem.refine(r.fit.model, r.fit.zeta, _AGAIN)) for r in pairs]
-        best = min(pairs, key=lambda r: r.fit.bic)
+        sets = [rank(problem.refine(r.fit.model, r.fit.zeta, _AGAIN)) for r in sets]
+        best = min(sets, key=lambda r: r.fit.bic)
         if len(best.fit.names) > 2 or leaves_structure(best.left, rank.floor):
-            pairs, ranked = needed_sets(rank, left, ranked, library)
-    weighed = weighed_errors(rank, ranked, pairs)
+            sets, ranked = needed_sets(rank, left, ranked, library)
+    weighed = weighed_errors(rank, ranked, sets)
     judgement = judge(left, *weighed, rank.floor)
     if judgement.verdict == "no_missing_effect" and _exceeds_noise(problem, alone, rank.rows):
         judgement = judge(left, *weighed, rank.floor, exceeds_noise=True)
     likes = [alike(problem, alone, ranking.fit, library) for ranking in judgement.sets]
     for other in (fit for fit in likes if fit is not None):
         judgement = joined(judgement, rank(other))
-    candidates = tuple(sorted([*pairs, *ranked], key=lambda r: r.fit.bic))
+    candidates = tuple(sorted([*sets, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, errors, rank.rows, {})
 
 

@@ -1,4 +1,4 @@
-"""Evidence for a second effect, of any size, beside the errors of each law's form.
+"""Evidence for one more effect, of any size, beside the errors of each law's form.
 
 No law is exact: a friction may depend on the depth, a relaxation may have more arms. The error of a
 law's form is its own force times a smooth function of position, speed or time, or a delayed part of
@@ -23,7 +23,7 @@ from teleop_rt.diagnosis.criteria import (
     SECOND_SHARE,
     SIGMAS,
 )
-from teleop_rt.diagnosis.inference.pairs import fit_without, without
+from teleop_rt.diagnosis.inference.one_more import fit_without, without
 from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.tones import adds_tone
 from teleop_rt.diagnosis.models.fit import Fit, Problem

@@ -18,7 +18,7 @@ from teleop_rt.diagnosis.criteria import LEAST_GAIN
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
 from teleop_rt.diagnosis.inference.laws import extended
-from teleop_rt.diagnosis.inference.pairs import MOST_EFFECTS, fit_without
+from teleop_rt.diagnosis.inference.one_more import MOST_EFFECTS, fit_without
 from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import best_by_name, fit_start, with_other_clamp
 from teleop_rt.diagnosis.inference.unsupported import unsupported

@@ -142,16 +142,16 @@ def simpler_names(names: frozenset[str]) -> list[frozenset[str]]:
     return [names - {n} | {SPECIAL_CASE_OF[n]} for n in names if n in SPECIAL_CASE_OF]
 
 
-def _part_of(ranked: Ranked, pair: Ranked) -> bool:
-    """Return whether a set is one member of a pair, which is needed over each of its members."""
-    return set(ranked.fit.names) < set(pair.fit.names)
+def _part_of(ranked: Ranked, larger: Ranked) -> bool:
+    """Return whether a set is a part of a larger one, which is needed over each of its parts."""
+    return set(ranked.fit.names) < set(larger.fit.names)
 
 
-def _surpassed_by_pair(ranked: Ranked, pairs: list[Ranked]) -> bool:
-    """Return whether a pair explains the tone or free-air force that a single effect leaves."""
+def _surpassed(ranked: Ranked, sets: list[Ranked]) -> bool:
+    """Return whether a larger set explains the tone or free-air force beside a single effect."""
     names = set(ranked.fit.names)
     return ranked.tone_or_air_force and any(
-        names < set(p.fit.names) and not p.tone_or_air_force for p in pairs
+        names < set(p.fit.names) and not p.tone_or_air_force for p in sets
     )
 
 
@@ -171,27 +171,28 @@ def joined(judgement: Judgement, other: Ranked) -> Judgement:
 def judge(
     base: LackOfFit,
     singles: list[Ranked],
-    pairs: list[Ranked],
+    sets: list[Ranked],
     floor: float,
     *,
     exceeds_noise: bool = False,
 ) -> Judgement:
     """Return the verdict.
 
-    `pairs` contains only pairs of which both members are needed. `floor` is the energy of encoder
-    errors in the structure. `exceeds_noise` states that the base's residual is larger than noise.
+    `sets` contains only larger sets of which all members are needed. `floor` is the energy of
+    encoder errors in the structure. `exceeds_noise` states that the base's residual is larger than
+    noise.
     """
     best_single = singles[0] if singles else None
     sure = [r for r in singles if certain(r, floor, exceeds_noise=exceeds_noise)]
     if not sure and not exceeds_noise and not leaves_structure(base, floor):
         return Judgement("no_missing_effect", (), None, max(base.excess, 0.0), floor=floor)
-    closest = min([*pairs, *sure], key=lambda r: r.fit.bic, default=best_single)
+    closest = min([*sets, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
-    singles, pairs = (without_empty_extensions(found, excess) for found in (singles, pairs))
+    singles, sets = (without_empty_extensions(found, excess) for found in (singles, sets))
     sure = [r for r in sure if r in singles]
-    sure, candidates = by_merit(sure, excess, floor), by_merit([*pairs, *sure], excess, floor)
+    sure, candidates = by_merit(sure, excess, floor), by_merit([*sets, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
-    candidates = [r for r in candidates if not _surpassed_by_pair(r, pairs)]
+    candidates = [r for r in candidates if not _surpassed(r, sets)]
     fits = [adequate(r, excess, most, floor) for r in candidates]
     if any(fits):
         # A set that BIC prefers to every adequate set fits no worse: the adequate ones only have
@@ -204,7 +205,7 @@ def judge(
         reach = scaled_by_doubt(closest, WITHIN_REACH_BIC) + _tolerance(closest, excess, floor)
         # Adequate effects that are not certain also join the class: the data do not exclude them.
         unsure = [r for r in singles if r not in sure and adequate(r, excess, most, floor)]
-        unsure = [r for r in unsure if not _surpassed_by_pair(r, pairs)]
+        unsure = [r for r in unsure if not _surpassed(r, sets)]
         near = tuple(
             r
             for r in (*fitting, *unsure)

@@ -10,7 +10,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.laws import by_other_laws
-from teleop_rt.diagnosis.inference.pairs import MOST_EFFECTS, coarse_pairs
+from teleop_rt.diagnosis.inference.one_more import MOST_EFFECTS, coarse_one_more
 from teleop_rt.diagnosis.inference.polishing import polished
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
@@ -36,8 +36,9 @@ def weigh_singles(
     """Return the problem with its final noise, the base and the single effects weighed by it.
 
     `fast` is the problem with white noise at the level of the recording's fastest noise. If the
-    estimated noise is red, it may contain an effect that no candidate explained. Pairs are then
-    searched with white noise as well, and the likeliest candidate determines the noise.
+    estimated noise is red, it may contain an effect that no candidate explained. Sets of two to
+    four are then searched with white noise as well, and the likeliest candidate determines the
+    noise.
     """
     singles = search_singles(problem, alone, library)
     if not singles:
@@ -55,7 +56,7 @@ def weigh_singles(
         base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
         for number in range(2, MOST_EFFECTS + 1):
             before = float(np.mean(problem.whitener.density))
-            larger = coarse_pairs(fast, base, louder, library)[:_WHITE_FITS]
+            larger = coarse_one_more(fast, base, louder, library)[:_WHITE_FITS]
             problem, alone, singles = _with_better_noise(problem, alone, singles, larger)
             falls = np.mean(problem.whitener.density) < _FALLING_POWER_RATIO * before
             if not larger or not _looks_red(problem, fast) or (number > 2 and not falls):
@@ -119,14 +120,14 @@ def _with_own_parameters(problem: Problem, fit: Fit) -> Fit:
 
 
 def _with_better_noise(
-    problem: Problem, base: Fit, singles: list[Fit], pairs: Sequence[Fit] = ()
+    problem: Problem, base: Fit, singles: list[Fit], sets: Sequence[Fit] = ()
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Return problem, base and single effects with the noise of the likeliest candidate.
 
-    Each candidate's likelihood uses the noise from its own residual. The `pairs` only provide that
+    Each candidate's likelihood uses the noise from its own residual. The `sets` only provide that
     noise.
     """
-    found = [_with_own_parameters(problem, fit) for fit in pairs]
+    found = [_with_own_parameters(problem, fit) for fit in sets]
     tried = [base, *singles[:_NOISE_CANDIDATES], *found]
     whiteners = [noise_from(problem, fit) for fit in tried]
 

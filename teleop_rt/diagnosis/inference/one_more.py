@@ -1,4 +1,4 @@
-"""Search of a second effect beside the best single effects."""
+"""Search of one more effect beside the best single effects, or the best sets."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 
 FIRSTS = 5  # single effects beside which a second is searched
-FIRST_SHARE = 0.2  # of the best gain; a first effect that explains less starts no pair
-SECONDS = 12  # pairs with the largest screened gain that are fitted
+FIRST_SHARE = 0.2  # of the best gain; a set that explains less is not extended
+EXTENDED = 12  # sets with the largest screened gain that are fitted
 # In a set. A fifth lowers no error of a measured recording by as much as `LEAST_GAIN`.
 MOST_EFFECTS = 4
-MOST_PAIRS = 6  # best pairs that are fitted at the full rate and ranked
+MOST_RANKED = 6  # best sets that are fitted at the full rate and ranked
 _OTHER_LAWS = (1, 3)  # best pairs, and best larger sets, that are tried with other laws
 _LAST_EVALUATIONS = 6  # of their descent, from the optimum at a lower rate
-_MOST_EXCHANGED = 3  # effects tried in place of each member of the best pair
+_MOST_EXCHANGED = 3  # effects tried in place of each member of the best set
 _FRICTION_NAMES = {"coulomb_friction", "stribeck_friction", "hysteresis"}
 _CONTAINED_LAWS = (
     {"coulomb_friction", "stribeck_friction"},
@@ -39,23 +39,23 @@ _CONTAINED_LAWS = (
 )
 
 
-def search_pairs(
+def search_one_more(
     problem: Problem,
     base: Fit,
     singles: list[Fit],
     effects: tuple[Effect, ...],
 ) -> list[Fit]:
-    """Return the likeliest fitted pairs, best first."""
-    fits = coarse_pairs(problem, base, singles, effects)[:MOST_PAIRS]
+    """Return the likeliest fitted sets with one more effect, best first."""
+    fits = coarse_one_more(problem, base, singles, effects)[:MOST_RANKED]
     return best_by_name([problem.refine(f.model, f.zeta, _LAST_EVALUATIONS) for f in fits])
 
 
-def coarse_pairs(
+def coarse_one_more(
     problem: Problem, base: Fit, singles: list[Fit], effects: tuple[Effect, ...]
 ) -> list[Fit]:
-    """Return pairs fitted at a lower rate, best first.
+    """Return sets with one more effect, fitted at a lower rate, best first.
 
-    The second effect is searched beside the single effects that gain most. There it is detected
+    It is searched beside the `singles`, or sets, that gain most. There it is detected
     even if it is too small to be detected alone.
     """
     lower = at_lower_rates(problem)
@@ -76,7 +76,7 @@ def _starts(
     singles: list[Fit],
     effects: tuple[Effect, ...],
 ) -> list[Start]:
-    """Return starts of the likeliest pairs, each beside one of the best single effects."""
+    """Return starts of the likeliest sets, each beside one of the best single effects or sets."""
     found: list[tuple[float, tuple[str, ...], Start]] = []
     least = min(fit.chi2 for fit in singles)
     firsts = [f for f in singles if f.chi2 - least <= (1.0 - FIRST_SHARE) * (base.chi2 - least)]
@@ -88,22 +88,22 @@ def _starts(
     chosen: dict[tuple[str, ...], Start] = {}
     for _, names, start in found:
         chosen.setdefault((*names, start.effect.name, start.effect.law), start)
-    return list(chosen.values())[:SECONDS]
+    return list(chosen.values())[:EXTENDED]
 
 
 def exchanged(
-    problem: Problem, pair: Fit, effects: tuple[Effect, ...], *, within_family: bool
+    problem: Problem, whole: Fit, effects: tuple[Effect, ...], *, within_family: bool
 ) -> list[Fit]:
-    """Return fitted pairs in which one member of the given pair is replaced by another effect.
+    """Return fitted sets in which one member of the given set is replaced by another effect.
 
-    The search starts from the parameters that the kept member has in the pair. Fitted alone, its
+    The search starts from the parameters that the kept members have in the set. Fitted alone, their
     parameters may compensate for the missing effect and hide it. With `within_family` only effects
     of the member's own family and its special case are tried: they are its closest rivals, however
-    well the pair fits.
+    well the set fits.
     """
     lower, fits = at_lower_rates(problem), []
-    for member in range(len(pair.names)):
-        kept, left = problem.solve(*without(pair, member)), pair.model.effects[member]
+    for member in range(len(whole.names)):
+        kept, left = problem.solve(*without(whole, member)), whole.model.effects[member]
         special = SPECIAL_CASE_OF.get(left.name)
         others = tuple(
             e
@@ -151,7 +151,7 @@ def _from_first(problem: Problem, base: Fit, laws: list[tuple[Effect, ...]]) -> 
     if not all(laws) or laws[0][0].shapes:
         return []
     first = problem.refine(replace(base.model, effects=laws[0][:1]), base.zeta)
-    return coarse_pairs(problem, base, [first], laws[1])
+    return coarse_one_more(problem, base, [first], laws[1])
 
 
 def same_physics(one: Effect, other: Effect) -> bool:
