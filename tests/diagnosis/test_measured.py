@@ -60,10 +60,12 @@ def test_bias_and_inertia_appear_in_the_torque_of_a_lever_that_meets_nothing() -
     record = load(Path(DATA) / "tue_teleop" / "run_a_free_motion.csv", layout)
     found = diagnose(record, "mass").answer
     inertia = found["base"]["parameters"]["m"]
-    assert inertia["value"] > 10.0 * inertia["std"]
+    # Gravity, friction and a lag predict best: the deviation beside the bias alone counts them.
+    assert inertia["value"] > 5.0 * inertia["std"]
+    assert inertia["value"] == pytest.approx(2.3e-4, rel=0.05)
     # A bias of the sensor and the lever's own weight differ little over a third of a radian.
     assert found["effects"][0]["family"] == "bias"
-    assert found["error"]["after"] < 0.5 * found["error"]["before"]
+    assert found["error"]["after"] < 0.035 * found["error"]["before"]
 
 
 @pytest.mark.parametrize(
