@@ -29,7 +29,7 @@ EXTENDED = 12  # sets with the largest screened gain that are fitted
 # In a set. A fifth lowers no error of a measured recording by as much as `LEAST_GAIN`.
 MOST_EFFECTS = 4
 MOST_RANKED = 6  # best sets that are fitted at the full rate and ranked
-_OTHER_LAWS = (1, 3)  # best pairs, and best larger sets, that are tried with other laws
+_RELAWED_PAIRS, _RELAWED_SETS = 1, 3  # best pairs, and best larger sets, tried with other laws
 _LAST_EVALUATIONS = 6  # of their descent, from the optimum at a lower rate
 _MOST_EXCHANGED = 3  # effects tried in place of each member of the best set
 _FRICTION_NAMES = {"coulomb_friction", "stribeck_friction", "hysteresis"}
@@ -63,7 +63,8 @@ def coarse_one_more(
     near, _ = lower[0].around(problem, min(singles, key=lambda fit: fit.chi2))
     fits = best_by_name([fit_start(near, start, evaluations=10) for start in starts])
     fits += [with_other_clamp(near, fit) for fit in fits[:2]]
-    for fit in fits[: _OTHER_LAWS[len(fits[0].names) > 2]] if fits else []:
+    pairs = all(len(fit.names) == 2 for fit in fits)
+    for fit in fits[: _RELAWED_PAIRS if pairs else _RELAWED_SETS]:
         fits += by_other_laws(near, fit, effects)
     fits += [with_past(near, fit) for fit in best_by_name(fits)[:2] if fades(near, fit)]
     return best_by_name(fits)
