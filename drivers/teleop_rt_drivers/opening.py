@@ -26,7 +26,7 @@ from teleop_rt_drivers.framed.config import (
     SerialDeviceConfig,
     SerialPart,
 )
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.dbc import load_dbc
 from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.in_words import ForeignAxis, in_words
@@ -163,7 +163,7 @@ def _open_part(
     if isinstance(axis, CanopenPart):
         return CanopenAxis(axis, rig, ends.bus(name, axis.bus), now_ns)
     if isinstance(axis, SerialPart | RawCanPart):
-        counters = new_counters()
+        counters = FramedCounters()
         ports = framed_ports(name, axis, ends, counters)
         return FramedAxis(axis, rig, ports, now_ns, counters)
     if isinstance(axis, ActuatorDeviceConfig | ActuatorPart):
@@ -196,7 +196,7 @@ def _open_replay(axis: CanopenPart | RawCanPart, rig: RigConfig, now_ns: Callabl
         raise AxisError("a bus log needs a command that marks its cycles: add axis.drive.command")
     command = load_dbc(axis.dbc)[axis.drive.command].frame_id
     bus = ReplayBus(file, lambda can_id: can_id == command, lambda _: False)
-    counters = new_counters()
+    counters = FramedCounters()
     port = CanPort(axis, bus, counters)
     return ReplayAxis(FramedAxis(axis, rig, {"": port}, bus.now_ns, counters), bus, now_ns)
 

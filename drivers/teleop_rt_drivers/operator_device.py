@@ -12,7 +12,7 @@ from teleop_rt_drivers.canopen.config import CanopenDeviceConfig
 from teleop_rt_drivers.ends import DaemonEnds, LockStepEnds
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.config import SerialDeviceConfig
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.opening import framed_ports
 from teleop_rt_drivers.transport import actuator_transport, canopen_transport, serial_transport
 
@@ -91,5 +91,5 @@ def _open_device_on(
         return CanopenAxis(axis, rig, ends.bus("", axis.bus), now_ns)
     if isinstance(axis, ActuatorDeviceConfig):
         return open_actuator_device(axis, rig, ends.bus("", axis.bus), now_ns)
-    counters = new_counters()
+    counters = FramedCounters()
     return FramedAxis(axis, rig, framed_ports("", axis, ends, counters), now_ns, counters)

@@ -24,7 +24,7 @@ from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.eds import load
 from teleop_rt_drivers.canopen.pdo import PdoCodec
 from teleop_rt_drivers.framed.binary import BinaryParser, binary_fields
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
 from teleop_rt_drivers.framed.stream import SerialStream
@@ -144,7 +144,7 @@ def our_serial(cycles: int, *, decode: bool) -> float:
     source = Source("wrench", binary_fields(frame))
     heard: list[float] = []
     source.listen(lambda values, _: heard.append(values[3]))
-    parser = BinaryParser(frame, source, new_counters())
+    parser = BinaryParser(frame, source, FramedCounters())
     parser.reset()
     data = wrench_frame()
     got: list[bytes] = []

@@ -22,7 +22,7 @@ from teleop_rt_drivers import registry
 from teleop_rt_drivers.framed.binary import BinaryPacker
 from teleop_rt_drivers.framed.can_port import CanEnd
 from teleop_rt_drivers.framed.config import SerialPortConfig
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.format import load_format
 from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.framed.stream import DescriptorStream, StreamGoneError, keep_arrivals
@@ -290,7 +290,7 @@ def test_a_force_that_the_cycle_itself_reads_has_the_stream_s_time():
 def test_a_watched_port_decodes_what_comes_at_once_and_stamps_it():
     near, far = os.pipe()
     os.set_blocking(near, False)
-    counters = new_counters()
+    counters = FramedCounters()
     config = SerialPortConfig(device="wrench", baud=460800, format="wrench_crc16")
     port = SerialPort("wrench", config, lambda: DescriptorStream(near), counters)
     stamps: list[int] = []

@@ -17,7 +17,7 @@ from teleop_rt_drivers.actuators.asking import AskingPort
 from teleop_rt_drivers.actuators.codec import DriveState, Frame, Report, Taken
 from teleop_rt_drivers.actuators.mit import DAMIAO_RANGES, DamiaoCodec, Gains
 from teleop_rt_drivers.device_check import check_device
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 
 ASKED = ("damiao", "robstride", "moteus")
 WITHIN = "operator.rig.axis.answer_within_ms"
@@ -204,7 +204,7 @@ class Asked:
         self.line = Line()
         codec = DamiaoCodec(2, 0x12, DAMIAO_RANGES["DM4310"], Gains(1.0, 0.1))
         self.port = AskingPort(
-            codec, self.line, new_counters(), self.line.clock, 250 * MS, None, ANSWER_NS
+            codec, self.line, FramedCounters(), self.line.clock, 250 * MS, None, ANSWER_NS
         )
         self.port.sources["drive"].listen(lambda values, at: self.samples.append((values[0], at)))
         self.samples: list[tuple[float, int]] = []

@@ -16,7 +16,7 @@ from teleop_rt_drivers.actuators.codec import Report, Taken
 from teleop_rt_drivers.actuators.wire import CanWire
 from teleop_rt_drivers.bus import BusConfig, open_bus
 from teleop_rt_drivers.fdcanusb_bus import received
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.simulated.moteus import SimulatedMoteus
 
 LOCKED = b"ERR bus is on"
@@ -180,7 +180,7 @@ def test_a_moteus_answers_through_the_adapter_as_on_any_bus():
         part, Standing(), lambda can_id, data: adapter.say(line_of(can_id, data)), 10**6
     )
     adapter.on_frame = lambda words: drive.receive(int(words[1], 16), bytes.fromhex(words[2]), 0)
-    wire = CanWire(opened(adapter), new_counters())
+    wire = CanWire(opened(adapter), FramedCounters())
     codec, report, taken = part.codec(rig), Report(), []
     wire.open(lambda frame, _: taken.append(codec.take(frame, report)))
     wire.order(codec.disable(), 0)

@@ -14,7 +14,7 @@ from teleop_rt.axis import AxisError
 from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
 from teleop_rt_drivers.framed.checksum import KINDS, checksum
 from teleop_rt_drivers.framed.config import MessageChecks, MessageChecksum
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import EVENTS, REASONS, FramedCounters
 from teleop_rt_drivers.framed.dbc import DbcMessage, load_dbc
 from teleop_rt_drivers.framed.format import BinaryFormat, load_format
 from teleop_rt_drivers.framed.source import Source
@@ -51,7 +51,7 @@ class Heard:
 
     def __init__(self, name: str) -> None:
         frame = load_format(name)
-        self.counters = new_counters()
+        self.counters = FramedCounters()
         self.values: list[tuple[float, ...]] = []
         if isinstance(frame, BinaryFormat):
             source = Source(name, binary_fields(frame))
@@ -193,7 +193,7 @@ def dbc(tmp_path_factory):
 @pytest.mark.parametrize("name", ["MIXED", "BIG"])
 def test_compiled_messages_agree_with_cantools(dbc, name):
     oracle = cantools.database.load_file(dbc).get_message_by_name(name)
-    compiled = DbcMessage(load_dbc(str(dbc))[name], None, new_counters())
+    compiled = DbcMessage(load_dbc(str(dbc))[name], None, FramedCounters())
     heard = []
     compiled.source.listen(lambda values, _: heard.append(values))
     random = np.random.default_rng(1)
@@ -212,14 +212,14 @@ def test_compiled_messages_agree_with_cantools(dbc, name):
 
 
 def test_scale_and_offset_of_a_dbc_signal_reach_the_rigs_unit(dbc):
-    source = DbcMessage(load_dbc(str(dbc))["MIXED"], None, new_counters()).source
+    source = DbcMessage(load_dbc(str(dbc))["MIXED"], None, FramedCounters()).source
     assert source.scale("INTEL", "N", None, 1, 0.0, "k").value(10) == pytest.approx(3.0)
     assert source.scale("INTEL", "N", 2.0, -1, 1.0, "k").value(10) == pytest.approx(-5.0)
 
 
 def test_checksum_and_counter_of_a_big_endian_message(dbc):
     checks = MessageChecks(checksum=MessageChecksum(signal="BYTE", kind="crc8-j1850"))
-    counters = new_counters()
+    counters = FramedCounters()
     message = DbcMessage(load_dbc(str(dbc))["BIG"], checks, counters)
     heard = []
     message.source.listen(lambda values, _: heard.append(values))
@@ -279,3 +279,13 @@ def test_a_file_that_is_no_dbc_is_refused_by_name(tmp_path):
     path.write_text("BO_ 5 BIG: eight A\n")
     with pytest.raises(AxisError, match=r"broken\.dbc:\d+: is no DBC"):
         load_dbc(str(path))
+
+
+@given(st.lists(st.tuples(st.sampled_from((*REASONS, *EVENTS)), st.integers(0, 5)), max_size=40))
+def test_rejected_frames_are_the_sum_of_all_reasons_and_no_events(counted):
+    counters = FramedCounters()
+    for name, count in counted:
+        counters[name] += count
+        assert counters.rejected == sum(counters[reason] for reason in REASONS)
+    counters["bad_checksum"] = 2  # also where a count is set, not added to
+    assert counters.rejected == sum(counters[reason] for reason in REASONS)

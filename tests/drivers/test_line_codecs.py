@@ -14,7 +14,7 @@ from teleop_rt_drivers.actuators.dynamixel import DynamixelCodec, ServoLimits, p
 from teleop_rt_drivers.actuators.feetech import FeetechCodec
 from teleop_rt_drivers.actuators.feetech import packet as feetech_packet
 from teleop_rt_drivers.actuators.wire import LineWire
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.simulated.pipes import pipe
 
 ID = 7
@@ -221,7 +221,7 @@ KINDS = {
 
 def heard(kind: str, data: bytes, chunks: int = 1) -> tuple[list[bytes], dict[str, int]]:
     """The frames that a line passes on of bytes that arrive in so many pieces."""
-    counters, ends = new_counters(), pipe()
+    counters, ends = FramedCounters(), pipe()
     wire = LineWire(KINDS[kind][0](), lambda: ends[0], counters, 10**6)
     found: list[bytes] = []
     wire.open(lambda frame, _: found.append(frame.data))
@@ -276,7 +276,7 @@ def test_no_content_raises_and_what_is_refused_changes_nothing(kind, content):
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_an_echo_of_our_own_is_no_answer_and_another_s_order_is_a_second_master(kind):
     codec, ends = KINDS[kind][0](), pipe()
-    wire, report = LineWire(codec, lambda: ends[0], new_counters(), 10**6), Report()
+    wire, report = LineWire(codec, lambda: ends[0], FramedCounters(), 10**6), Report()
     taken: list[Taken] = []
     wire.open(lambda frame, _: taken.append(codec.take(frame, report)))
     assert wire.order(codec.follow(0.1, 0.0), 0)
@@ -297,7 +297,7 @@ def test_an_echo_of_our_own_is_no_answer_and_another_s_order_is_a_second_master(
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_a_line_that_was_not_answered_is_free_again_after_its_turn(kind):
     codec, ends = KINDS[kind][0](), pipe()
-    counters = new_counters()
+    counters = FramedCounters()
     wire = LineWire(codec, lambda: ends[0], counters, 1_000_000)
     wire.open(lambda frame, _: None)
     sent = [wire.order(codec.disable(), now_ns) for now_ns in (0, 500_000, 1_000_000, 1_900_000)]

@@ -19,7 +19,7 @@ from teleop_rt_drivers.actuators.moteus import FAULT, MODE, MoteusCodec
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.binary import FrameCounter
 from teleop_rt_drivers.framed.config import FramedPart
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.serial_port import SerialPort
 from teleop_rt_drivers.framed.signal import Switch
 from teleop_rt_drivers.framed.signal_config import SwitchSignal
@@ -147,7 +147,7 @@ def test_only_where_all_that_is_compared_are_numbers_does_the_axis_go_on(wrong):
 
 
 def test_a_counter_and_a_switch_that_are_no_numbers_count_nothing_and_close_nothing():
-    counters = new_counters()
+    counters = FramedCounters()
     counter = FrameCounter(0, 256, counters)
     assert counter.accept([1.0])
     assert not counter.accept([NAN])

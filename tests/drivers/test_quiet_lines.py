@@ -15,7 +15,7 @@ from teleop_rt.axis import AxisFault, Sample
 from teleop_rt_drivers.framed.axis import FramedAxis
 from teleop_rt_drivers.framed.binary import BinaryPacker
 from teleop_rt_drivers.framed.config import SerialPortConfig
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.format import load_format
 from teleop_rt_drivers.framed.quiet import quiet_lines
 from teleop_rt_drivers.framed.serial_port import SerialPort
@@ -29,7 +29,7 @@ class Lines:
 
     def __init__(self) -> None:
         rig, self.now_ns, self.far = load("serial"), START_NS, {}
-        self._packers, self.ports, self.counters = {}, {}, new_counters()
+        self._packers, self.ports, self.counters = {}, {}, FramedCounters()
         for name, config in rig.axis.ports.items():
             self.far[name], near = pty.openpty()
             tty.setraw(near)
@@ -142,7 +142,7 @@ def test_only_open_terminals_that_a_cycle_need_not_ask_can_be_quiet(request_byte
     config = SerialPortConfig(
         device="wrench", baud=460800, format="wrench_crc16", request=request_bytes
     )
-    port = SerialPort("wrench", config, lambda: DescriptorStream(near), new_counters())
+    port = SerialPort("wrench", config, lambda: DescriptorStream(near), FramedCounters())
     port.open()
     assert quiet_lines([port]) is None
     port.close()

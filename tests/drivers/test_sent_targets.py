@@ -13,7 +13,7 @@ from rig_bench import MS, START_NS
 
 from teleop_rt.axis import AxisFault
 from teleop_rt_drivers.framed.binary import BinaryPacker
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.drive import FramedDrive
 from teleop_rt_drivers.framed.format import load_format
 from teleop_rt_drivers.framed.serial_port import SerialPort
@@ -36,7 +36,7 @@ class Line:
         for end in (near, self.far):
             tty.setraw(end)
             os.set_blocking(end, False)
-        self.counters = new_counters()
+        self.counters = FramedCounters()
         self.port = SerialPort(
             "drive", part.ports["drive"], lambda: DescriptorStream(near), self.counters
         )

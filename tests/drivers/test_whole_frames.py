@@ -15,7 +15,7 @@ from teleop_rt_drivers.framed import taking
 from teleop_rt_drivers.framed.binary import BinaryPacker, BinaryParser, binary_fields
 from teleop_rt_drivers.framed.checksum import KINDS, checksum
 from teleop_rt_drivers.framed.config import SerialPortConfig
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.format import SIZE, BinaryFormat, load_format
 from teleop_rt_drivers.framed.remainder import check_of, new_check
 from teleop_rt_drivers.framed.serial_port import SerialPort
@@ -58,7 +58,7 @@ class Listener:
     def __init__(self, format_: BinaryFormat, *, kernels: bool) -> None:
         source = Source("device", binary_fields(format_))
         self.heard: list[tuple[list[float], int]] = []
-        self.counters = new_counters()
+        self.counters = FramedCounters()
         config = PositionSignal(
             source="device", field="i16", status=StatusConfig(field="i8", good=0),
             clock=ClockConfig(field="u16", tick_s=1e-6, bits=16),
@@ -132,7 +132,7 @@ def test_kernels_hear_what_the_parser_hears(name):
 @pytest.mark.parametrize("word", [0x7FC00000, 0x7F800000, 0xFF800000])
 def test_a_value_that_is_no_number_is_refused_by_kernels(word):
     format_ = load_format("wrench_crc16")
-    source, counters = Source("wrench", binary_fields(format_)), new_counters()
+    source, counters = Source("wrench", binary_fields(format_)), FramedCounters()
     parser = BinaryParser(format_, source, counters)
     config = PositionSignal(source="wrench", field="fz")
     signal = MeasuredSignal("force", config, source, SCALE, PLAUSIBLE, counters)
@@ -179,7 +179,7 @@ def test_numbers_of_64_bits_are_left_to_the_parser():
     heard: list[int] = []
     source = Source("device", binary_fields(format_))
     source.listen(lambda values, _: heard.append(values[0]))
-    parser, packer = BinaryParser(format_, source, new_counters()), BinaryPacker(format_)
+    parser, packer = BinaryParser(format_, source, FramedCounters()), BinaryPacker(format_)
     parser.reset()
     parser.feed(packer.pack([2**64 - 1]), 0)
     assert heard == [2**64 - 1]
@@ -256,7 +256,7 @@ def test_a_command_goes_to_its_line_until_that_is_full_or_gone():
     far, near = os.openpty()
     tty.setraw(near)
     os.set_blocking(near, False)
-    counters = new_counters()
+    counters = FramedCounters()
     port = SerialPort("drive", config, lambda: DescriptorStream(near), counters)
     packer = BinaryPacker(load_format("position_drive_command"))
     port.open()

@@ -11,7 +11,7 @@ from teleop_rt_drivers.actuators.wire import CanWire, LineWire
 from teleop_rt_drivers.bus_load import line_turn_s
 from teleop_rt_drivers.drivetrain import Drivetrain
 from teleop_rt_drivers.framed.axis import FramedAxis
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.quantity import Scale
 from teleop_rt_drivers.transport import actuator_transport, timing_of
 
@@ -34,7 +34,7 @@ def open_actuator(
     part: CanActuatorPart, rig: RigConfig, bus: can.BusABC, now_ns: NowNs
 ) -> FramedAxis:
     """Return the axis of such a drive, on a bus that it closes. Raises AxisError."""
-    counters = new_counters()
+    counters = FramedCounters()
     return _axis(part, rig, part.codec(rig), CanWire(bus, counters), counters, now_ns)
 
 
@@ -45,7 +45,7 @@ def open_line_actuator(
     now_ns: NowNs,
 ) -> FramedAxis:
     """Return the axis of such a drive on a serial line that it opens and closes."""
-    counters, codec = new_counters(), part.codec(rig)
+    counters, codec = FramedCounters(), part.codec(rig)
     wire = LineWire(codec, open_stream, counters, round(1e9 * line_turn_s(part, rig)))
     return _axis(part, rig, codec, wire, counters, now_ns)
 
@@ -55,7 +55,7 @@ def _axis(
     rig: RigConfig,
     codec: Codec,
     wire: Wire,
-    counters: dict[str, int],
+    counters: FramedCounters,
     now_ns: NowNs,
 ) -> FramedAxis:
     port = _port(part, codec, wire, counters, now_ns)
@@ -71,7 +71,7 @@ def open_actuator_device(
     config: ActuatorDeviceConfig, rig: RigConfig, bus: can.BusABC, now_ns: NowNs
 ) -> FramedAxis:
     """Return an operator's device that is such a drive, on a bus that it closes."""
-    part, counters = config.drive, new_counters()
+    part, counters = config.drive, FramedCounters()
     wire = CanWire(bus, counters)
     if (asked := config.asked) is None:
         codec = part.codec(rig)

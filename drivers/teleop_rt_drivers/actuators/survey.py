@@ -12,7 +12,7 @@ from teleop_rt_drivers.actuators.line_config import DynamixelPart, FeetechPart
 from teleop_rt_drivers.actuators.wire import LineWire
 from teleop_rt_drivers.bus_load import line_turn_s
 from teleop_rt_drivers.findings import Finding
-from teleop_rt_drivers.framed.counters import new_counters
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.registry import parts_of
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class _Asking:
         self._now_ns = now_ns
         self._content = b""
         turn_ns = round(1e9 * line_turn_s(part, rig))
-        self._wire = LineWire(self._codec, open_stream, new_counters(), turn_ns)
+        self._wire = LineWire(self._codec, open_stream, FramedCounters(), turn_ns)
 
     def close(self) -> None:
         """Release the line."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from teleop_rt.axis import NO_AXIS_FAULT, AxisError, AxisFault, Sample, Timing
 from teleop_rt.kernels.jit import bound
 from teleop_rt_drivers.framed.config import SerialDeviceConfig
-from teleop_rt_drivers.framed.counters import new_counters, rejected
+from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig
 from teleop_rt_drivers.framed.quiet import quiet_lines
@@ -58,11 +58,11 @@ class FramedAxis:
         rig: RigConfig,
         ports: Mapping[str, FramedPort],
         now_ns: Callable[[], int],
-        counters: dict[str, int] | None = None,
+        counters: FramedCounters | None = None,
         drive: FramedDrive | None = None,
         timing: Timing | None = None,
     ) -> None:
-        self.counters = new_counters() if counters is None else counters
+        self.counters = FramedCounters() if counters is None else counters
         self._config = config
         self._rig = rig
         self._now_ns = now_ns
@@ -214,7 +214,7 @@ class FramedAxis:
         if not self._watching:
             self._begin(now_ns)
         closed = self._switch is not None and self._switch.closed
-        found = self._settle(now_ns, closed, rejected(self.counters), self._fault)
+        found = self._settle(now_ns, closed, self.counters.rejected, self._fault)
         sample.stale, self._found = "", found
         if (drive := self._drive) is not None:
             wrong |= drive.settle(now_ns)
@@ -238,7 +238,7 @@ class FramedAxis:
             self.counters["cycles_without_sample"] += 1
             sample.missing = self._missing
         self._find_faults()
-        sample.rejected, sample.fault = rejected(self.counters), self._fault
+        sample.rejected, sample.fault = self.counters.rejected, self._fault
 
     def _found_of_signals(self) -> list[tuple[MeasuredSignal, int]]:
         """Return the findings on the last cycle's values."""

@@ -1,8 +1,6 @@
-"""Counters of rejected frames, by reason, and of further events."""
+"""FramedCounters of rejected frames, by reason, and of further events."""
 
 from __future__ import annotations
-
-from operator import itemgetter
 
 REASONS = (
     "bad_checksum",
@@ -33,14 +31,21 @@ EVENTS = (
     "answered_late",
     "cycles_without_sample",
 )
-_of_all_reasons = itemgetter(*REASONS)
+_ARE_EVENTS = frozenset(EVENTS)
 
 
-def new_counters() -> dict[str, int]:
-    """Return all counters at zero: none is added later."""
-    return dict.fromkeys((*REASONS, *EVENTS), 0)
+class FramedCounters(dict[str, int]):
+    """All counters, at zero to begin with: none is added later.
 
+    `rejected` is how many frames were rejected, for whatever reason: a tick asks for it each time,
+    and a sum over all reasons takes ten times as long.
+    """
 
-def rejected(counters: dict[str, int]) -> int:
-    """Return how many frames were rejected, for whatever reason."""
-    return sum(_of_all_reasons(counters))
+    def __init__(self) -> None:
+        super().__init__(dict.fromkeys((*REASONS, *EVENTS), 0))
+        self.rejected = 0
+
+    def __setitem__(self, name: str, count: int) -> None:
+        if name not in _ARE_EVENTS:
+            self.rejected += count - self[name]
+        dict.__setitem__(self, name, count)
