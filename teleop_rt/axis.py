@@ -107,7 +107,8 @@ class Sample:
     `drive_force` are the drive's own measurements [rig unit], None where it gives none. `complaint`
     is a device's own report beside the fault, or the name of the device behind it.
 
-    Kernels fill `stored`, a record (1,) of `SampleFields`; `floats` and `counts` are its words.
+    Kernels fill `stored`, a record (1,) of `SampleFields`, which may be a row of a table that they
+    read; `floats` and `counts` are its words.
     """
 
     stamp_ns: int = _count("stamp_ns")
@@ -125,8 +126,8 @@ class Sample:
     drive_position: float | None = _optional("drive_position")
     drive_force: float | None = _optional("drive_force")
 
-    def __init__(self, **fields: float | str | None) -> None:
-        self.stored: StoredSample = np.zeros(1, SAMPLE_TYPE)
+    def __init__(self, stored: StoredSample | None = None, **fields: float | str | None) -> None:
+        self.stored: StoredSample = np.zeros(1, SAMPLE_TYPE) if stored is None else stored
         words = self.stored.view(np.uint8).data
         self.floats, self.counts = words.cast("d"), words.cast("q")
         self.stale = self.complaint = ""

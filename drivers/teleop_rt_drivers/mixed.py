@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from teleop_rt.axis import Sample, sample_place
+from teleop_rt.axis import SAMPLE_TYPE, Sample
 from teleop_rt.config.rig import AxisConfig
 from teleop_rt.config.supervision import UnsafeWord
 from teleop_rt.kernels.jit import bound, kernel
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
     from teleop_rt.axis import Axis, StoredSample
 
 Part = CanopenPart | SerialPart | RawCanPart | CanActuator | DynamixelPart | FeetechPart
-
-
-_SWITCH, _REJECTED, _FAULT = map(sample_place, ("switch", "rejected", "fault"))
 
 
 def gives(part: Part) -> set[str]:
@@ -104,17 +102,16 @@ class MixedConfig(AxisConfig):
 
 @kernel
 def join_samples(
+    parts: StoredSample,
     positions: StoredSample,
     forces: StoredSample,
     drives: StoredSample,
     samples: StoredSample,
-    closed: int,
-    rejected: int,
-    fault: int,
 ) -> bool:
-    """Fill a sample (1,) from those of the parts; return whether it is valid.
+    """Fill a sample (1,) from those of the parts (n,); return whether it is valid.
 
-    How many cycles lack a valid one is left as it is, where this one does.
+    The part of each value is there a second time (1,). The first fault is kept; how many cycles
+    lack a valid sample is left as it is, where this one does.
     """
     position: Any = positions[0]
     force: Any = forces[0]
@@ -128,7 +125,13 @@ def join_samples(
     sample.has_drive_position = drive.has_drive_position
     sample.drive_position = drive.drive_position
     sample.has_drive_force, sample.drive_force = drive.has_drive_force, drive.drive_force
-    sample.switch, sample.rejected, sample.fault = closed, rejected, fault
+    sample.switch = sample.rejected = sample.fault = 0
+    for index in range(len(parts)):
+        part: Any = parts[index]
+        sample.switch |= part.switch
+        sample.rejected += part.rejected
+        if sample.fault == 0:
+            sample.fault = part.fault
     if sample.valid > 0:
         sample.missing = 0
     return bool(sample.valid > 0)
@@ -138,7 +141,11 @@ class MixedAxis:
     """Several axes as one: position, force and drive each from its own part."""
 
     def __init__(self, config: MixedConfig, parts: Mapping[str, Axis]) -> None:
-        self._parts = [(name, part, Sample()) for name, part in parts.items()]
+        self._stored: StoredSample = np.zeros(len(parts), SAMPLE_TYPE)
+        self._parts = [
+            (name, part, Sample(self._stored[row : row + 1]))
+            for row, (name, part) in enumerate(parts.items())
+        ]
         samples = {name: sample for name, _, sample in self._parts}
         self._position = samples[config.giving("position")]
         self._force = samples[config.giving("force")]
@@ -170,14 +177,11 @@ class MixedAxis:
         """Read every part. Never raises."""
         if sample is not self._sample:
             self._bind(sample)
-        closed = rejected = fault = 0
         complaint = ""
         for _, part, own in self._parts:
             part.read_into(own)
-            counts = own.counts
-            closed, rejected = closed | counts[_SWITCH], rejected + counts[_REJECTED]
-            fault, complaint = fault or counts[_FAULT], own.complaint or complaint
-        valid = self._join(closed, rejected, fault)
+            complaint = own.complaint or complaint
+        valid = self._join()
         self._missing = 0 if valid else self._missing + 1
         sample.stale, sample.complaint = "", complaint
         if not valid:
@@ -187,8 +191,8 @@ class MixedAxis:
     def _bind(self, sample: Sample) -> None:
         """Fill this sample from now on."""
         self._sample = sample
-        read = self._position, self._force, self._drive
-        self._join = bound(join_samples, tuple(one.stored for one in (*read, sample)), 0, 0, 0)
+        filled = self._position, self._force, self._drive, sample
+        self._join = bound(join_samples, (self._stored, *(one.stored for one in filled)))
 
     def watch(self, seconds: float) -> None:
         """Wait so long, and note the time of each arrival meanwhile."""

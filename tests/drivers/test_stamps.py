@@ -12,7 +12,7 @@ from framed_bench import RIGS, FramedBench, load
 from rig_bench import MS, Bench
 from test_trial_on_every_rig import open_bench
 
-from teleop_rt.axis import Sample
+from teleop_rt.axis import AxisFault, Sample
 from teleop_rt.config.loader import load_trial
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.estimators import pipeline_settings
@@ -56,6 +56,23 @@ def test_a_mixed_axis_takes_each_stamp_from_the_part_that_gives_the_value(positi
     assert (sample.position_stamp_ns, sample.force_stamp_ns) == (position_ns, force_ns)
     assert sample.stamp_ns == 1000
     assert sample.device_stamp_ns == 55, "that of the encoder"
+
+
+def test_a_mixed_axis_adds_up_what_its_parts_say_beside_their_values():
+    parts = {
+        "position": Part(rejected=3, switch=True),
+        "force": Part(rejected=4, fault=AxisFault.DEVICE_LOST, enabled=True),
+        "drive": Part(rejected=5, fault=AxisFault.DRIVE_FAULT, drive_position=0.25),
+    }
+    axis, sample = MixedAxis(Givers(), parts), Sample()
+    for _ in range(2):  # a cycle adds nothing to the one before
+        axis.read_into(sample)
+        assert (sample.rejected, sample.switch) == (12, True)
+        assert sample.fault is AxisFault.DEVICE_LOST, "the first one; the next is a consequence"
+        assert (sample.enabled, sample.drive_position) == (False, 0.25), "the drive's own"
+    parts["position"].given["switch"] = False
+    axis.read_into(sample)
+    assert not sample.switch
 
 
 @pytest.mark.parametrize("silent", ["encoder", "force sensor"])
