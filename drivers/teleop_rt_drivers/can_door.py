@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from teleop_rt.kernels.jit import kernel
 from teleop_rt.kernels.record import record_type
 from teleop_rt.realtime.packets import Packets
-from teleop_rt.realtime.system_calls import monotonic_ns, receive_packets, send_bytes
+from teleop_rt.realtime.system_calls import is_ready, monotonic_ns, receive_packets, send_bytes
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_frames import Slots
@@ -21,13 +22,17 @@ _ROOM = FRAMES_PER_PACKET + 1
 PACKETS_AT_ONCE = 16  # in one call: more that wait are Python's to take
 UNUSUAL = -1 << 20
 """In place of a number of frames: Python must read the received packet, or check the socket."""
+NOT_LENT = UNUSUAL - 1
+"""In place of a number of frames: nothing was received, for the bus has not lent its door."""
 
 
 class CanDoorFields:
     """Fields of a socket: its descriptor, its packets' headers, and the last call's packets.
 
     That is `received` packets, or minus the number of an error, with `frames` frames. `sending` is
-    the address of the words of a `CanDoor`, of which a frame to send takes `frame_bytes`.
+    the address of the words of a `CanDoor`, of which a frame to send takes `frame_bytes`. While it
+    is `lent`, all comes by the door, and Python need not ask the bus: unless somebody wants to come
+    in, after whom a kernel looks each LOOK_EVERY cycles, so in `look_in` cycles again.
     """
 
     descriptor: int
@@ -37,6 +42,8 @@ class CanDoorFields:
     frames: int
     sending: int
     frame_bytes: int
+    lent: int
+    look_in: int
 
 
 _DOOR = record_type(CanDoorFields)
@@ -44,10 +51,15 @@ Doors = NDArray[np.record]
 Lengths = NDArray[np.uint32]
 Whole = NDArray[np.int64]
 
+LOOK_EVERY = 16
+"""Cycles between two searches for new programs on a bus."""
 _ID, _DATA, _STAMP, _CLOCK = range(4)
 """Words of a frame to send, id with length, bytes and stamp, and where the clock is read to."""
 _WORD = 8  # bytes of an int64
 _CLOCK_WORDS = 2  # a timespec: seconds and nanoseconds
+_COMERS = _CLOCK + _CLOCK_WORDS
+"""Word of a `struct pollfd`, on whose descriptor new programs come."""
+_DESCRIPTOR_BITS = 32
 LENGTH_SHIFT = 32
 """Place of a frame's length in the word of its id [bits]."""
 
@@ -68,9 +80,35 @@ class CanDoor:
         self.door = cast("CanDoorFields", stored[0])
         self.door.descriptor = -1
         self.door.headers, self.door.most = packets.headers, PACKETS_AT_ONCE
-        self.words: Whole = np.zeros(_CLOCK + _CLOCK_WORDS, np.int64)
+        self.words: Whole = np.zeros(_COMERS + 1, np.int64)
+        self.words[_COMERS] = -1
         self.door.sending, self.door.frame_bytes = self.words.ctypes.data, size
         self.arrays = stored, np.asarray(packets.lengths), self.slots
+
+    def look_after(self, descriptor: int) -> None:
+        """Look on this descriptor for new programs."""
+        self.words[_COMERS] = descriptor | select.POLLIN << _DESCRIPTOR_BITS
+
+    def lend(self, *, all_comes: bool) -> bool:
+        """Lend the door to kernels if all comes by it; return whether it is lent."""
+        self.door.lent = all_comes
+        return all_comes
+
+    def take_back(self) -> None:
+        """Let no kernel receive by a lent door: something may be kept, or come by another way."""
+        self.door.lent = 0
+
+
+@kernel
+def take_lent(stored: Doors, lengths: Lengths, slots: Slots) -> int:
+    """Receive a cycle's frames by a lent door as `take_packets` does; or return NOT_LENT."""
+    door: Any = stored[0]
+    door.look_in -= 1
+    if door.look_in <= 0:
+        door.look_in = LOOK_EVERY
+        if is_ready(door.sending + _COMERS * _WORD):
+            door.lent = 0
+    return take_packets(stored, lengths, slots) if door.lent > 0 else NOT_LENT
 
 
 @kernel

@@ -55,6 +55,9 @@ class _WithDoor(Protocol):
     def is_plain(self) -> bool:
         """Return whether all that can come now comes by the door."""
 
+    def lend(self) -> bool:
+        """Lend the door to kernels if all comes by it; return whether it is lent."""
+
     def keep(self) -> None:
         """Keep the door's last packets, which were UNUSUAL, for `waiting_frames`."""
 
@@ -99,6 +102,13 @@ class SlotReader:
     def is_plain(self) -> bool:
         """Return whether kernels can receive the waiting frames; if so, `slots` are the door's."""
         if self.door is None or not self._bus.is_plain():
+            return False
+        self.slots, self._frames = self.door.slots, None
+        return True
+
+    def is_lent(self) -> bool:
+        """Return as `is_plain` does, for a kernel that uses the door while it is lent."""
+        if self.door is None or not self._bus.lend():
             return False
         self.slots, self._frames = self.door.slots, None
         return True

@@ -37,6 +37,10 @@ class DirectSocketcanBus(SocketcanBus):
         """Return whether all that can come now comes by the door: unless something is kept."""
         return not self._kept
 
+    def lend(self) -> bool:
+        """Lend the door to kernels if nothing is kept; return whether it is lent."""
+        return self.door.lend(all_comes=self.is_plain())
+
     def keep(self) -> None:
         """Keep the door's last packets, which were UNUSUAL, for `waiting_frames`."""
         packets, received = self.door.packets, self.door.door.received
@@ -48,6 +52,7 @@ class DirectSocketcanBus(SocketcanBus):
 
     def waiting_frames(self, most: int) -> list[CanFrame]:
         """Return the frames that have come, `most` at most; never raises."""
+        self.door.take_back()
         kept, self._kept = self._kept[:most], self._kept[most:]
         return kept + one_by_one(self, most - len(kept))
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import can
 
 from teleop_rt_drivers.bus_folder import SUFFIX, entered, folder_of, names_in, sweep_buses
-from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, CanDoor
+from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, LOOK_EVERY, CanDoor
 from teleop_rt_drivers.can_frames import (
     FRAME,
     REMOTE,
@@ -43,8 +43,6 @@ if TYPE_CHECKING:
 _pack = FRAME.pack
 _BUFFER_BYTES = 4 << 20
 """Send buffer of a socket: frames wait there while the other program stalls."""
-_MEET_EVERY = 16
-"""Readings of all waiting frames between two searches for new programs."""
 _GONE = (errno.ECONNREFUSED, errno.ENOENT)
 
 
@@ -71,6 +69,7 @@ class UnixBus(can.BusABC):
         self.lost = 0
         self.channel_info = f"unix {channel}"
         self._listening = _seqpacket()
+        self.door.look_after(self._listening.fileno())
         options.pop("bitrate", None)  # there is none here
         super().__init__(channel=channel, **options)
         if "/" not in str(channel):
@@ -131,6 +130,7 @@ class UnixBus(can.BusABC):
         """Let the door be the only peer's."""
         only = self._peers[0].fileno() if len(self._peers) == 1 else -1
         self.door.door.descriptor = only
+        self.door.take_back()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to every program on the bus, without waiting for any.
@@ -175,6 +175,7 @@ class UnixBus(can.BusABC):
 
         Raises CanOperationError for anything but a frame.
         """
+        self.door.take_back()
         ends = time.monotonic() + timeout if timeout else None
         while True:
             message = self._next()
@@ -227,6 +228,7 @@ class UnixBus(can.BusABC):
 
         Data that are not a frame are returned as UNREADABLE.
         """
+        self.door.take_back()
         self._look_for_programs()
         if self._filters is not None or self._heads or self._rests:
             return one_by_one(self, most)
@@ -244,10 +246,24 @@ class UnixBus(can.BusABC):
         That is so while one program is there and nothing is kept of it.
         """
         self._readings += 1
-        if self._readings % _MEET_EVERY == 0 and self._comers.poll(0):
-            self._meet()
+        if self._readings % LOOK_EVERY == 0:
+            self._let_in()
+        return self._is_plain()
+
+    def _is_plain(self) -> bool:
+        """Return whether one program is there, and nothing is kept of it or to be kept out."""
         held = self._kept or self._heads or self._rests
         return len(self._peers) == 1 and not held and self._filters is None
+
+    def lend(self) -> bool:
+        """Let new programs in, and lend the door to kernels if all comes by it: see `is_plain`."""
+        self._let_in()
+        return self.door.lend(all_comes=self._is_plain())
+
+    def set_filters(self, filters: can.typechecking.CanFilters | None = None) -> None:
+        """Let only frames through that pass a filter."""
+        self.door.take_back()
+        super().set_filters(filters)
 
     def keep(self) -> None:
         """Keep the door's last packet, which was UNUSUAL, for `waiting_frames`."""
@@ -260,8 +276,12 @@ class UnixBus(can.BusABC):
     def _look_for_programs(self) -> None:
         """Let in who has come, once in a while, and while nobody is there."""
         self._readings += 1
-        due = self._readings % _MEET_EVERY == 0 or not self._peers
-        if due and self._comers.poll(0):
+        if self._readings % LOOK_EVERY == 0 or not self._peers:
+            self._let_in()
+
+    def _let_in(self) -> None:
+        """Let programs in, if any have come: nobody has to a bus that was left."""
+        if not self._comers.closed and self._comers.poll(0):
             self._meet()
 
     def _take_some(self, peer: socket.socket, frames: list[CanFrame], most: int) -> bool:

@@ -55,6 +55,7 @@ _write = _of_c_library("write", "int64", "int32", "int64", "int64")
 _ioctl = _of_c_library("ioctl", "int32", "int32", "int64", "int64")
 _send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
 _send_to = _of_c_library("sendto", "int64", "int32", "int64", "int64", "int32", "int64", "int32")
+_poll = _of_c_library("poll", "int32", "int64", "int64", "int32")
 _to_number = _of_c_library("strtod", "float64", "int64", "int64")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
@@ -77,6 +78,16 @@ def receive_packets(descriptor: int, headers: int, most: int) -> int:
         return count
     code = _error()[0]
     return 0 if code in (_AGAIN, _INTERRUPTED) else -code
+
+
+@kernel
+def is_ready(place: int) -> bool:
+    """Return whether the descriptor of the `struct pollfd` at an address is ready, or is gone.
+
+    A negative descriptor is never ready.
+    """
+    found: int = _poll(place, 1, 0)
+    return found != 0
 
 
 @kernel

@@ -13,7 +13,7 @@ from rig_bench import MS, START_NS, canopen_rig
 
 from teleop_rt.axis import AxisFault, Sample, SampleFields
 from teleop_rt_drivers.bus import BusConfig, open_bus
-from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, PACKETS_AT_ONCE
+from teleop_rt_drivers.can_door import FRAMES_PER_PACKET, LOOK_EVERY, PACKETS_AT_ONCE
 from teleop_rt_drivers.can_frames import one_by_one, packed, plain_message
 from teleop_rt_drivers.canopen.axis import CanopenAxis
 from teleop_rt_drivers.canopen.config import CanopenConfig
@@ -236,3 +236,77 @@ def test_what_is_usual_passes_no_python(wire, tmp_path, monkeypatch):
             for one in plain:
                 say(one)
             assert daemon.heard()[SAMPLE.index("valid")] is True
+
+
+def usual_cycle(daemon: Daemon, bus: UnixBus) -> None:
+    """One cycle, in which the devices on this bus answer as they nearly always do."""
+    for can_id, size in PLAIN:
+        bus.send(plain_message(can_id, bytes(size)))
+    assert daemon.heard()[SAMPLE.index("valid")] is True
+
+
+def test_a_program_is_met_in_time_though_no_python_asks_the_bus_meanwhile(tmp_path, monkeypatch):
+    with UnixBus(str(tmp_path)) as ours, UnixBus(str(tmp_path)) as theirs:
+        daemon = Daemon(ours)
+        daemon.heard()
+        with monkeypatch.context() as alone:
+            for name in ("lend", "is_plain", "waiting_frames"):
+                alone.setattr(ours, name, lambda *_: pytest.fail("the door is lent"))
+            for _ in range(3 * LOOK_EVERY):
+                usual_cycle(daemon, theirs)
+        with UnixBus(str(tmp_path)) as third:
+            third.send(plain_message(0x123, b""))
+            for _ in range(LOOK_EVERY):
+                usual_cycle(daemon, theirs)
+            assert daemon.axis.counters["unexpected_id"] == 1
+
+
+def test_frames_that_another_reader_left_come_before_those_of_the_next_cycle(tmp_path):
+    with UnixBus(str(tmp_path)) as ours, UnixBus(str(tmp_path)) as theirs:
+        daemon = Daemon(ours)
+        daemon.heard()
+        usual_cycle(daemon, theirs)
+        at_once = [(0x123, b""), (DRIVE, bytes(7)), (DRIVE, bytes(7))]  # wrong lengths are counted
+        theirs.send_frames(at_once)
+        assert ours.recv(0).arbitration_id == 0x123
+        usual_cycle(daemon, theirs)
+        assert daemon.axis.counters["wrong_length"] == 2
+        usual_cycle(daemon, theirs)
+
+
+def test_a_filter_that_is_set_later_holds_by_the_door_too(tmp_path):
+    with UnixBus(str(tmp_path)) as ours, UnixBus(str(tmp_path)) as theirs:
+        daemon = Daemon(ours)
+        daemon.heard()
+        usual_cycle(daemon, theirs)
+        ours.set_filters([{"can_id": 0x123, "can_mask": 0x7FF}])
+        for can_id in (DRIVE, 0x123):
+            theirs.send(plain_message(can_id, b""))
+        daemon.heard()
+        counters = daemon.axis.counters
+        assert (counters["wrong_length"], counters["unexpected_id"]) == (0, 1)
+
+
+def test_a_bus_that_is_left_brings_nothing_and_raises_nothing(tmp_path):
+    with UnixBus(str(tmp_path)) as ours, UnixBus(str(tmp_path)) as theirs:
+        daemon = Daemon(ours)
+        daemon.heard()
+        usual_cycle(daemon, theirs)
+        ours.shutdown()
+        assert daemon.heard()[SAMPLE.index("valid")] is False
+
+
+def test_a_program_that_leaves_and_another_that_comes_are_no_broken_bus(tmp_path):
+    with UnixBus(str(tmp_path)) as ours:
+        with UnixBus(str(tmp_path)) as theirs:
+            daemon = Daemon(ours)
+            daemon.heard()
+            usual_cycle(daemon, theirs)
+        for _ in range(3):  # nobody is there
+            daemon.heard()
+        with UnixBus(str(tmp_path)) as again:
+            for _ in range(2 * LOOK_EVERY):
+                again.send(plain_message(0x123, b""))
+                daemon.heard()
+        assert daemon.axis.counters["unexpected_id"] == 2 * LOOK_EVERY
+        assert daemon.axis.counters["unreadable"] == 0

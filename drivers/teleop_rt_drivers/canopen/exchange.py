@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.kernels.jit import kernel
 from teleop_rt.kernels.record import record_type
-from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, put_frame, take_packets
+from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, put_frame, take_lent
 from teleop_rt_drivers.canopen.intake import take_cycle
 
 if TYPE_CHECKING:
@@ -87,13 +87,14 @@ def exchange(
     asks: bool,
     sends: bool,
 ) -> int:
-    """Receive the frames that wait at a door and take them by `take_cycle`; or return UNUSUAL.
+    """Receive the frames that wait at a lent door and take them by `take_cycle`.
 
-    With `sends` the next SYNC is sent at once, where the cycle has ended.
+    Return as that does; or UNUSUAL, or NOT_LENT. With `sends` the next SYNC is sent at once, where
+    the cycle has ended.
     """
-    count = take_packets(door, lengths, slots)
-    if count == UNUSUAL:
-        return UNUSUAL
+    count = take_lent(door, lengths, slots)
+    if count <= UNUSUAL:
+        return count
     sync_ns = syncs[0].sent_ns
     events = take_cycle(
         sources, counts, lives, readings, samples, slots, 0, count, sync_ns, now_ns, asks

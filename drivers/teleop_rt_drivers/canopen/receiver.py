@@ -8,7 +8,7 @@ import numpy as np
 
 from teleop_rt.axis import NO_AXIS_FAULT, AxisFault, Sample
 from teleop_rt.kernels.jit import bound
-from teleop_rt_drivers.can_door import UNUSUAL
+from teleop_rt_drivers.can_door import NOT_LENT, UNUSUAL
 from teleop_rt_drivers.can_frames import (
     ERROR,
     EXTENDED_MASK,
@@ -60,6 +60,11 @@ def sent_by_daemon(config: CanopenPart) -> Callable[[int], bool]:
         dictionary = eds.load(drive.eds, drive.node_id)
         ids.add(PdoCodec(drive.rpdo, dictionary, "drive", receive=True).cob_id)
     return lambda cob_id: cob_id in ids or SDO[0] <= cob_id < SDO[1]
+
+
+def _without_door(*_: object) -> int:
+    """Return as `exchange` does at a bus that has no door."""
+    return NOT_LENT
 
 
 class Receiver:
@@ -147,9 +152,14 @@ class Receiver:
         """
         if sample is not self._sample:
             self._bind(sample)
-        events, sent = self._take(now_ns, asks=asks, sends=sends)
+        if not self._watching:
+            self._begin(now_ns)
+        events, sent = self._exchange(now_ns, asks, sends), sends
+        if events < 0:  # seldom
+            events, sent = self._take(events, now_ns, asks=asks, sends=sends)
         sample.stale = ""
         if events:
+            sent = sent and not events & UNSENT
             self._find_faults(now_ns, events)
             self._correct(sample, events)
         if self._drivetrain is not None:
@@ -165,18 +175,20 @@ class Receiver:
         if (drive := self._drive) is not None:
             sample.enabled = drive.enabled
 
-    def _take(self, now_ns: int, *, asks: bool, sends: bool) -> tuple[int, bool]:
-        """Take a cycle's frames; return its events, and whether SYNC was sent."""
-        if not self._watching:
-            self._begin(now_ns)
+    def _take(self, events: int, now_ns: int, *, asks: bool, sends: bool) -> tuple[int, bool]:
+        """Take a cycle's frames that `exchange` has not; return events, and whether it sent SYNC.
+
+        `events` are those that it returned.
+        """
         reader, count = self._reader, 0
-        if self._exchange is not None and reader.is_plain():
+        if events == NOT_LENT and reader.is_lent():
             events = self._exchange(now_ns, asks, sends)
             if events >= 0:  # nearly always
-                return events, sends and not events & UNSENT
-            count = reader.read_unusual() if events == UNUSUAL else reader.received
-        else:
+                return events, sends
+        if events == NOT_LENT:
             count, events = reader.read_otherwise(), UNUSUAL
+        else:
+            count = reader.read_unusual() if events == UNUSUAL else reader.received
         take_cycle, sync_ns = self._bound[id(reader.slots)], self._sync_words[SENT]
         if events == UNUSUAL:
             self._note_flood(count)
@@ -196,7 +208,7 @@ class Receiver:
         lives = self._heartbeats.lives
         arrays = self._sources, self._words, lives, self._readings, sample.stored
         reader = self._reader
-        self._exchange = None
+        self._exchange: Callable[[int, bool, bool], int] = _without_door
         if (door := reader.door) is not None:
             more = *door.arrays, door.words, self._syncs
             self._exchange = bound(exchange, (*arrays, *more), 0, True, True)  # noqa: FBT003
