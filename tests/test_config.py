@@ -5,7 +5,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run
 from teleop_rt.config.loader import dump, load_rig, load_trial
 from teleop_rt.config.rig import AxisConfig
 from teleop_rt.config.section import Force, Units
@@ -479,6 +479,18 @@ def test_a_trial_may_name_a_rig_that_ships():
     assert by_name == by_path
     with pytest.raises(ConfigError, match=r"rig: no file .*simulated_parallel"):
         load_trial_file(SILICONE, ["rig=simulated_parallel"])
+
+
+@pytest.mark.parametrize("rig", ["simulated_serial", "simulated_canopen"])
+def test_a_run_keeps_the_lines_and_buses_of_real_devices(rig):
+    on_hardware = [f"rig={rig}", "plant=null"]
+    assert (
+        load_trial_for_run(SILICONE, on_hardware).rig == load_trial_file(SILICONE, on_hardware).rig
+    )
+    assert (
+        load_trial_for_run(SILICONE, on_hardware[:1]).rig.axis
+        != load_trial_file(SILICONE, on_hardware).rig.axis
+    )
 
 
 @pytest.mark.parametrize(

@@ -35,12 +35,12 @@ def load_trial_file(trial_file: Path, overrides: list[str] | None) -> TrialConfi
 def load_trial_for_run(trial_file: Path, changes: list[str]) -> TrialConfig:
     """Load a trial for a run on the machine's clock.
 
-    Ports and buses that the trial leaves open become the run's own.
+    Ports that the trial leaves open become the run's own, and so do the buses and lines of
+    simulated devices; those of real devices stay where the rig says that they are.
     """
     trial = load_trial_file(trial_file, changes)
-    return load_trial_file(
-        trial_file, [*changes, *_free_ports(trial), *registry.own_run(trial.rig)]
-    )
+    own = [] if trial.plant is None else registry.own_run(trial.rig)
+    return load_trial_file(trial_file, [*changes, *_free_ports(trial), *own])
 
 
 def _free_ports(trial: TrialConfig) -> list[str]:
