@@ -103,7 +103,7 @@ def slave_outcome(slave: Slave, endpoint: Endpoint, if_late: str = "") -> dict[s
 
     `if_late` is the advice for this machine's loop where lateness stopped it.
     """
-    fault, late = slave.safety.fault, late_outcome(slave.safety)
+    fault, late = slave.fault, late_outcome(slave.safety)
     by_lateness = fault is LATE_TICKS and late["stop"] is not None
     said = slave.stopped.said if fault in (DRIVER, SAMPLES_LOST) else slave.sample.complaint
     return {

@@ -21,6 +21,7 @@ from teleop_rt.service.mailbox import Command, CommandBox
 from teleop_rt.service.server import CommandServer
 from teleop_rt.slave.faults import State
 from teleop_rt.trial.alone import Alone
+from teleop_rt.trial.sides import slave_outcome
 
 
 class Checked:
@@ -248,6 +249,18 @@ def test_a_device_that_was_lost_while_disarmed_is_named_and_back_after_a_reset(r
     assert ready.ticks(200) is State.DISARMED
     assert ready.ask("arm")["ok"]
     assert ready.ticks(200) is State.ARMED
+
+
+def test_a_device_that_was_lost_while_disarmed_is_the_fault_of_the_end(ready):
+    ended = lambda: slave_outcome(ready.slave, ready.trial.slave_endpoint)["safety"]  # noqa: E731
+    ready.rig.inject("mute", "drive")
+    ready.ticks(200)
+    ready.rig.heal("drive")
+    assert ready.ticks(200) is State.DISARMED
+    assert (ended()["state"], ended()["fault"]["name"]) == ("DISARMED", "device_lost")
+    ready.ask("reset")
+    assert ready.ticks(200) is State.DISARMED
+    assert ended()["fault"]["code"] == 0
 
 
 def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, monkeypatch):
