@@ -12,6 +12,7 @@ from typing import Any
 
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.residuals import Residuals
+from teleop_rt.diagnosis.criteria import HIGHEST_BESIDE_UNKNOWN
 from teleop_rt.metrics import in_percent
 from teleop_rt.view import style
 from teleop_rt.view.html import Tile, figures_of, render
@@ -24,6 +25,7 @@ _BESIDE = "outliers"  # found beside the candidates, so they are in no row
 _VERDICTS = {
     "no_missing_effect": ("good", "Nothing is missing: the base explains the force to the noise."),
     "named": ("good", "Named: {names}."),
+    "doubted": ("attention", "Named: {names}; the probability and the notes say why to doubt it."),
     "class": (
         "attention",
         "Not decided: {names}. These data cannot distinguish them{proposal}.",
@@ -111,7 +113,7 @@ def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
 
 
 def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
-    grade, text = _VERDICTS[answer["verdict"]]
+    grade, text = _VERDICTS["doubted" if _is_doubted(answer) else answer["verdict"]]
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
     names = " or ".join(_names(one) for one in sets)
     proposal = (
@@ -119,6 +121,18 @@ def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
     )
     family = f" (nearest family: {answer['family']})" if answer["family"] else ""
     return grade, text.format(names=names, proposal=proposal, family=family)
+
+
+def _is_doubted(answer: dict[str, Any]) -> bool:
+    """Return whether a named set is as unsure as beside an unknown remainder, or does not predict.
+
+    A residual that is no noise bounds the probability to that.
+    """
+    if answer["verdict"] != "named":
+        return False
+    least = min(answer["probability"].values(), default=1.0)
+    before, after = (answer["error"][key] for key in ("before", "after"))
+    return least <= HIGHEST_BESIDE_UNKNOWN or after is None or after > (before or after)
 
 
 def _names(effects: list[str] | tuple[str, ...]) -> str:

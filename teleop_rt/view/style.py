@@ -14,7 +14,7 @@ from teleop_rt.config.shown_unit import shown_unit
 from teleop_rt.estimation.rows import FROZEN_LABEL
 from teleop_rt.trial.grades import MARKS
 
-__all__ = ["MARKS"]
+__all__ = ["MARKS", "shown_unit"]
 Style = Literal["solid", "dashed", "dotted", "dotdash"]
 
 # Okabe and Ito 2008, and a line style each: curves must be distinguishable in grey, too.

@@ -50,3 +50,24 @@ def test_a_page_names_outliers_which_explain_no_share_of_the_force(tmp_path: Pat
     again = narrowed(found, recording, [["force_bias"]])
     assert again.answer["class"] == found.answer["class"]
     assert again.answer["effects"] == found.answer["effects"]
+
+
+def test_a_doubted_name_is_marked_for_attention_and_a_mass_is_in_kg(tmp_path: Path) -> None:
+    from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - needs the extra
+
+    record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
+    recording = from_arrays("run", record.t, record.position, record.force)
+    found = diagnose(recording, record.base, surface=0.0)
+    left = residuals_of(found, recording.units)
+
+    def page(**changed: object) -> str:
+        return write(found.answer | changed, left, tmp_path)[0].read_text()
+
+    assert found.answer["verdict"] == "named"
+    sure, unsure = page(), page(probability={"coulomb_friction": 0.7})
+    lost = page(error=found.answer["error"] | {"after": None})
+    assert 'class="verdict good"' in sure
+    assert re.search(r"tool inertia</td><td class=\"number\">mass [\d.e-]+ kg<", sure)
+    for doubted in (unsure, lost):
+        assert 'class="verdict attention"' in doubted
+        assert "say why to doubt it" in doubted
