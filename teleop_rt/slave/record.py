@@ -1,14 +1,11 @@
 """Everything that a tick of the slave's decisions reads and writes: one preallocated record.
 
-Kernels read and write its fields by name. Python writes the inputs, and reads the outputs,
-through two views of the same words, which takes a fraction of the time of numpy's fields.
+Kernels read and write its fields by name. Python reads the outputs through two views of the same
+words, which takes a fraction of the time of numpy's fields.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from struct import Struct
 from typing import cast
 
 import numpy as np
@@ -55,7 +52,7 @@ class Tick:
     mode: int
     needs_drive_position: int
     needs_drive_force: int
-    # Inputs of the tick: clock and zeros, by one call (see `CAME_IN`), and the sample.
+    # Inputs of the tick: clock and zeros, the arguments of `decide`, and the sample.
     tick: int
     now_ns: int
     skipped: int
@@ -210,25 +207,6 @@ def place(field: str) -> int:
     return _OFFSETS[field] // _WORD
 
 
-class FieldSpan:
-    """Neighbouring fields of the record, from `first` to `last`, that one call writes."""
-
-    def __init__(self, first: str, last: str) -> None:
-        names = list(Tick.__annotations__)
-        self.fields = tuple(names[names.index(first) : names.index(last) + 1])
-        kinds = {"float": "d", "int": "q"}
-        self._struct = Struct("=" + "".join(kinds[Tick.__annotations__[f]] for f in self.fields))
-        self._offset = _OFFSETS[first]
-
-    def writer(self, record: TickRecord) -> Callable[..., None]:
-        """Return `write` for one record, without a call of Python."""
-        return functools.partial(self._struct.pack_into, record.words, self._offset)
-
-    def write(self, record: TickRecord, *values: float) -> None:
-        """Write a value for each of `fields`, in their order; raises struct.error for others."""
-        self._struct.pack_into(record.words, self._offset, *values)
-
-
 class TickRecord:
     """A record and its views: `stored` for compiled steps, `tick` by field, `floats`, `counts`.
 
@@ -240,6 +218,3 @@ class TickRecord:
         self.tick = cast("Tick", self.stored[0])
         self.words = words = self.stored.view(np.uint8).data
         self.floats, self.counts = words.cast("d"), words.cast("q")
-
-
-CAME_IN = FieldSpan("tick", "homed")

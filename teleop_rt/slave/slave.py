@@ -27,9 +27,9 @@ from teleop_rt.slave.estimate_log import EstimateLog
 from teleop_rt.slave.feed import feed_of
 from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.protection import protect
-from teleop_rt.slave.record import CAME_IN, TickRecord, place
+from teleop_rt.slave.record import TickRecord, place
 from teleop_rt.slave.recorded_row import row_recorder
-from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, STOP_DRIVE, ZEROS, decide
+from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, NO_INPUTS, STOP_DRIVE, ZEROS, decide
 
 # Where the fields that this module reads one by one are in the record of a tick.
 _LATE, _RUNS_OUT = place("late_ns"), place("runs_out_ns")
@@ -75,7 +75,6 @@ class Slave:
         self._feed = feed_of(pipeline, rig.period_ns, self._sample)
         self.record = record = TickRecord()
         self._floats, self._counts = record.floats, record.counts
-        self._came_in = CAME_IN.writer(record)
         self._allocate_outputs()
         self._models = models = ModelSender(
             pipeline.streaming, endpoint, rig.sensors.force_noise, trial.slave.force_cap,
@@ -105,8 +104,8 @@ class Slave:
 
     def _bind_step(self) -> None:
         """Bind the compiled step to its arrays, and run it once: no tick compiles or loads it."""
-        self._decide = bound(decide, self._arrays(), CHECK)
-        self._decide(CHECK)
+        self._decide = bound(decide, self._arrays(), CHECK, *NO_INPUTS)
+        self._decide(CHECK, *NO_INPUTS[:-1], self.reference.homed)
         self.record.tick.invalid_in_a_row = 0
         self.limiter.reset(self.limiter.position)
 
@@ -212,8 +211,12 @@ class Slave:
         started_ns = time.perf_counter_ns() if self._measure_work else 0
         self.tick += 1 + skipped
         self.missed_ticks += skipped
-        self._sense(skipped, wake_latency_ns)
-        action = self._decide(CHECK)
+        ready = self._sense()
+        shift = self._pipeline.shift if self._shifts else 0.0
+        action = self._decide(
+            CHECK, self.tick, self._stamp_ns, skipped, wake_latency_ns, ready, shift,
+            self.reference.homed,
+        )  # fmt: skip
         if action == ZEROS:
             action = self._advance_zeros()
         if action == STOP_DRIVE or (self._counts[_LED] and not self._clock_held[0]):
@@ -247,8 +250,8 @@ class Slave:
         except Exception as error:  # noqa: BLE001 - whatever another's driver raises
             self._driver_raised(error)
 
-    def _sense(self, skipped: int, wake_latency_ns: int) -> None:
-        """Take in all news, and write clock and zeros into the record of the tick."""
+    def _sense(self) -> bool:
+        """Take in all news; return whether the sample counts: its zeros are known."""
         sample = self._sample
         try:
             self._axis.read_into(sample)
@@ -258,16 +261,14 @@ class Slave:
             self._driver_raised(error)
         if self._has_zeros:
             self.reference.apply(sample)
-        self._stamp_ns = stamp_ns = self._now_ns()
+        self._stamp_ns = self._now_ns()
         self._endpoint.poll()
         # Most rigs have neither zeros to find nor a force from the drive: no calls for those.
         ready = (not self._has_zeros or self.reference.ready) and (
             not self._force_from_drive or self._is_of_contact(sample)
         )
         self._feed(ready)
-        shift = self._pipeline.shift if self._shifts else 0.0
-        homed = self.reference.homed
-        self._came_in(self.tick, stamp_ns, skipped, wake_latency_ns, ready, shift, homed)
+        return ready
 
     def _is_of_contact(self, sample: Sample) -> bool:
         """Return whether a drive's own force is that of contact: not once it lets go."""
@@ -281,7 +282,7 @@ class Slave:
         if refused is not None:
             self.safety.stop(refused)
         self._floats[_POSITION] = self._sample.position
-        return self._decide(LEAD)
+        return self._decide(LEAD, *NO_INPUTS)
 
     def _hold_clock(self, action: int) -> None:
         """Keep the link's state at arming, or at the first motion led, until the axis is off.

@@ -34,6 +34,8 @@ from teleop_rt.slave.supervision import disagreement, take_in, unpowered
 
 CHECK, LEAD = range(2)
 """Where a step begins: at its start, or after the zeros have been advanced."""
+NO_INPUTS = 0, 0, 0, 0, False, 0.0, False
+"""In place of a tick's inputs, where the step is resumed."""
 ZEROS, STOP_DRIVE, STAND, FOLLOW = range(4)
 """The action to take: advance the zeros and go on, stop the drive, stand, or follow."""
 _ARMED, _RUN, _HOLD = int(faults.ARMED), int(faults.RUN), int(faults.HOLD)
@@ -221,14 +223,25 @@ def decide(
     rows: StoredRow,
     bodies: StoredState,
     stage: int,
+    number: int,
+    now_ns: int,
+    skipped: int,
+    wake_latency_ns: int,
+    ready: bool,
+    surface_shift: float,
+    homed: bool,
 ) -> int:
     """Advance safety, supervision, guard and limiter by one cycle; return the action to take.
 
-    `link` are the words of an end's statistics, and `end` its own.
+    `link` are the words of an end's statistics, and `end` its own. The arguments after the stage
+    are the inputs of the tick of this number; LEAD takes those of CHECK, whatever it is given.
     With ZEROS, `Reference.update` is to be called and the step to be resumed at LEAD.
     """
     tick: Any = stored[0]
     if stage == CHECK:
+        tick.tick, tick.now_ns, tick.skipped = number, now_ns, skipped
+        tick.wake_latency_ns = wake_latency_ns
+        tick.ready, tick.surface_shift, tick.homed = ready, surface_shift, homed
         tick.late_ns = late_ns(tick.skipped, tick.wake_latency_ns, late[PERIOD_NS])
         take_in(tick, samples[0])
         look_at_contact(tick, estimators[0])
@@ -255,5 +268,6 @@ def compile_step() -> None:
     record, row, link = TickRecord(), NamedRow(SLAVE).stored, counted.Statistics().words
     motion, end = NewestMotion().stored, intake.new_words(0, 0)
     state, body = estimation.new_state()[0], new_state_body()
-    decide(record.stored, Sample().stored, state, late, late, link, end, motion, row, body, LEAD)
+    arrays = record.stored, Sample().stored, state, late, late, link, end, motion, row, body
+    decide(*arrays, LEAD, *NO_INPUTS)
     stand_at(record.tick, 0.0)

@@ -1,33 +1,33 @@
 """A tick takes in and gives out all values by one call each: each in the field of its name."""
 
-import struct
-
 import pytest
 
+from teleop_rt.axis import Sample
+from teleop_rt.estimation.state import new_state
 from teleop_rt.link.bodies import NewestMotion, new_state_body
 from teleop_rt.link.codec import decode, encode
+from teleop_rt.link.intake import new_words
 from teleop_rt.link.messages import Kind, MotionMessage, StateMessage
-from teleop_rt.slave.record import CAME_IN, Tick, TickRecord
-from teleop_rt.slave.step import read_motion
+from teleop_rt.link.statistics import Statistics
+from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
+from teleop_rt.realtime.row import NamedRow
+from teleop_rt.signals import SLAVE
+from teleop_rt.slave.record import TickRecord
+from teleop_rt.slave.step import CHECK, LEAD, NO_INPUTS, decide, read_motion
 
 
-def test_a_run_writes_its_fields_in_their_order_and_nothing_beside() -> None:
-    run, record = CAME_IN, TickRecord()
-    for name in Tick.__annotations__:
-        if name not in ("forces", "positions", "stamps_ns"):
-            setattr(record.tick, name, -7)
-    values = range(2, 2 + len(run.fields))
-    run.write(record, *values)
-    for name in Tick.__annotations__:
-        if name in run.fields:
-            assert getattr(record.tick, name) == values[run.fields.index(name)], name
-        elif name not in ("forces", "positions", "stamps_ns"):
-            assert getattr(record.tick, name) == -7, name
-
-
-def test_a_run_refuses_a_value_too_few() -> None:
-    with pytest.raises(struct.error):
-        CAME_IN.write(TickRecord(), *range(len(CAME_IN.fields) - 1))
+def test_the_inputs_of_a_tick_are_written_into_the_fields_of_their_names() -> None:
+    late, record = Lateness(ON_HARDWARE, 1_000_000).record, TickRecord()
+    arrays = (
+        record.stored, Sample().stored, new_state()[0], late, late.copy(), Statistics().words,
+        new_words(0, 0), NewestMotion().stored, NamedRow(SLAVE).stored, new_state_body(),
+    )  # fmt: skip
+    inputs = 2, 3_000_000_000, 4, 500_000, True, 6.5, True
+    names = ("tick", "now_ns", "skipped", "wake_latency_ns", "ready", "surface_shift", "homed")
+    decide(*arrays, CHECK, *inputs)
+    assert tuple(getattr(record.tick, name) for name in names) == inputs
+    decide(*arrays, LEAD, *NO_INPUTS)
+    assert tuple(getattr(record.tick, name) for name in names) == inputs
 
 
 def test_the_body_of_a_state_is_what_its_message_packs() -> None:
