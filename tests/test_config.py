@@ -298,9 +298,12 @@ def test_values_that_cannot_go_together_are_refused(tmp_path, override, message)
         ("link.bind_host=a..b", "'a..b' is no name of a machine"),
         ("link.host=224.0.0.1", "224.0.0.1 is the address of many machines: give that of one"),
         ("link.host=0.0.0.0", "0.0.0.0 is to listen on (bind_host)"),
+        ("link.blackouts_s=[[1,2],[3,3]]", "[3, 3] does not end after its start"),
     ],
 )
-def test_a_name_listed_twice_and_what_is_no_address_are_refused(tmp_path, override, message):
+def test_a_name_listed_twice_and_what_is_no_address_or_interval_are_refused(
+    tmp_path, override, message
+):
     [found] = problems_of(tmp_path, overrides=[override])
     assert found.startswith(f"--set {override}")
     assert message in found

@@ -44,6 +44,7 @@ from teleop_rt_drivers.quantity import FROM_DRIVE
 from teleop_rt_drivers.recording import RecordingAxisConfig
 from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, CanBusPart, parts_of
 from teleop_rt_drivers.stall_check import check_hardware_stalls
+from teleop_rt_drivers.trial_check import check_meaning
 
 
 def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) -> None:
@@ -52,6 +53,7 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
     findings = check_rig(rig, None if trial is None else trial.slave.force_cap)
     if trial is not None:
         findings += check_first_touch(trial) + check_simulated_wall(trial) + check_link(trial.link)
+        findings += check_meaning(trial)
         if trial.plant is None and not isinstance(rig.axis, RecordingAxisConfig):
             findings += check_hardware_stalls(rig, "")
             if not between_processes(rig):

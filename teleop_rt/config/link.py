@@ -157,6 +157,19 @@ class LinkConfig(Section):
             raise ValueError("0.0.0.0 is to listen on (bind_host): give the other side's address")
         return host
 
+    @field_validator("blackouts_s")
+    @classmethod
+    def _end_after_start(
+        cls, blackouts_s: tuple[tuple[Second, Second], ...]
+    ) -> tuple[tuple[Second, Second], ...]:
+        for start_s, end_s in blackouts_s:
+            if end_s <= start_s:
+                raise ValueError(
+                    f"[{start_s:g}, {end_s:g}] does not end after its start, and no packet would"
+                    " be lost: write [start, end] in seconds"
+                )
+        return blackouts_s
+
     @model_validator(mode="after")
     def _rates_in_order(self) -> LinkConfig:
         lowest, highest = self.accepted_rates_hz

@@ -260,6 +260,24 @@ def on_hardware(tmp_path, **link):
     return tmp_path / "trial.yaml"
 
 
+@pytest.mark.parametrize(
+    ("change", "key", "said"),
+    [
+        ("link.jitter_ms=151", "link.jitter_ms", "wider than link.round_trip_ms 150"),
+        ("link.blackouts_s=[[1, 2], [20, 21]]", "link.blackouts_s", "from 20 s begins after"),
+        (
+            "operator.approach_speed_m_per_s=5",
+            "operator.approach_speed_m_per_s",
+            "with 5 m/s, and limits.velocity_max lets it move with 1.5",
+        ),
+        ("operator.frequency_hz=40", "operator.frequency_hz", "with 2.01 m/s"),
+    ],
+)
+def test_values_that_a_run_would_not_carry_out_as_written_are_reported(call, change, key, said):
+    findings = json.loads(call("check", TRIAL, "--json", "--set", change)[1])["findings"]
+    assert [one for one in findings if one["where"] == key and said in one["what"]]
+
+
 def test_a_simulated_network_is_reported_where_no_plant_is_simulated(call, tmp_path):
     def said(trial):
         findings = json.loads(call("check", trial, "--json")[1])["findings"]

@@ -217,6 +217,7 @@ def test_how_often_the_plant_is_asked_does_not_change_what_is_hidden():
         ((FRICTION, {"effect": "stribeck_friction", "friction_force": 1.0,
                      "breakaway_force": 2.0, "stribeck_velocity": 0.1}), "not both"),
         (({"effect": "backlash", "gap": -1.0},), "greater than 0"),
+        (({"effect": "moving_surface"},), "velocity and swing are 0, so that nothing moves"),
     ],
 )  # fmt: skip
 def test_hidden_effects_that_cannot_be_are_refused(hidden, words):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from teleop_rt.config.section import Force, Position, Quantity, Section, Stiffness, Velocity
 from teleop_rt_drivers.simulated import hidden
@@ -204,3 +204,9 @@ class MovingSurface(HiddenEffect):
     columns: ClassVar[Constants] = {
         "velocity": hidden.SURFACE_VELOCITY, "swing": hidden.SWING, "swing_hz": hidden.SWING_HZ,
     }  # fmt: skip
+
+    @model_validator(mode="after")
+    def _moves(self) -> MovingSurface:
+        if self.velocity == 0.0 and self.swing == 0.0:
+            raise ValueError("velocity and swing are 0, so that nothing moves: give one of them")
+        return self
