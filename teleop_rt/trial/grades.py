@@ -31,6 +31,8 @@ GRADE_COLOURS: Mapping[Grade, str] = MappingProxyType(
     {"good": "green", "attention": "yellow", "bad": "bold red", "unknown": "dim"}
 )
 """The colour of each grade on a terminal."""
+WHOLE_S = 0.02
+"""A run that is shorter by no more is whole: first and last tick lie within its time."""
 _WORST_FIRST: tuple[Grade, ...] = ("bad", "attention", "good", "unknown")
 
 
@@ -50,7 +52,8 @@ def grades(summary: Mapping[str, Any]) -> dict[str, Grade]:
         "loop": of_loop(
             summary["missed_ticks"],
             summary["ticks"],
-            interrupted=summary.get("interrupted", False),
+            cut_off=summary.get("interrupted", False)
+            or (is_short(summary) and bool(summary["safety"]["fault"]["code"])),
         ),
         "link": of_link(summary["link"]),
     }
@@ -106,11 +109,20 @@ def of_fault(safety: Mapping[str, Any]) -> Grade:
     return of_safety({**safety, "unsafe": ()})
 
 
-def of_loop(missed: int | None, ticks: int, *, interrupted: bool = False) -> Grade:
-    """Return the grade of the loop by the share of ticks missed; an interrupted run is not good."""
+def is_short(summary: Mapping[str, Any]) -> bool:
+    """Return whether a run ended before its trial's time; false where that is not known."""
+    planned_s: float | None = summary.get("planned_s")
+    return planned_s is not None and bool(summary["duration_s"] < planned_s - WHOLE_S)
+
+
+def of_loop(missed: int | None, ticks: int, *, cut_off: bool = False) -> Grade:
+    """Return the grade of the loop by the share of ticks missed.
+
+    A run that a fault or somebody cut off is not good.
+    """
     if missed is None:
         return "unknown"
-    whole = not interrupted and missed <= MISSED_SHARE * ticks
+    whole = not cut_off and missed <= MISSED_SHARE * ticks
     return "good" if whole else "attention"
 
 

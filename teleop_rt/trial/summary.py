@@ -76,7 +76,7 @@ def summarise(
     master = rows_to_compare(slave, topics.get("/master", {}))
     truth = read_truth(folder)
     replayed = replay_estimators(trial, slave)
-    adequacy, timing = _adequacy(slave, trial.rig.period_ns * 1e-9), _timing(slave, outcome)
+    adequacy, timing = _adequacy(slave, trial.rig.period_ns * 1e-9), _timing(trial, slave, outcome)
     summary = {
         "trial": trial.name,
         "began_at": began_at(folder),
@@ -100,11 +100,14 @@ def summarise(
     return summary | {"grades": grades(summary)}
 
 
-def _timing(slave: Mapping[str, Array], outcome: Mapping[str, Any]) -> dict[str, Any]:
+def _timing(
+    trial: TrialConfig, slave: Mapping[str, Array], outcome: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return start and duration of the slave's loop, its ticks, and how late they were."""
     return {
         "start_up_s": _start_up_s(slave, outcome.get("began_ns")),
         "duration_s": _duration_s(slave),
+        "planned_s": trial.duration_s,
         "interrupted": bool(outcome.get("interrupted")),
         "ticks": int(slave.get("tick", np.empty(0)).size),
         "missed_ticks": outcome["missed_ticks"],

@@ -150,6 +150,8 @@ class Summary(Keys):
     """Time from the command to the slave's first tick [s]; null on simulated time."""
     duration_s: float
     """Time from the slave's first tick to its last [s]."""
+    planned_s: float
+    """The trial's `duration_s` [s], which a run that was cut off did not reach."""
     interrupted: bool
     """Whether somebody ended the run before its time."""
     ticks: int

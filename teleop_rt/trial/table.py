@@ -18,6 +18,7 @@ from teleop_rt.trial.grades import (
     MARKS,
     MISSED_SHARE,
     grades,
+    is_short,
     of_error,
     of_fault,
     selected_nrmse,
@@ -187,7 +188,9 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     touched = "contact" if contact["onsets"] == 1 else "contacts"
     safety = summary["safety"]
     reported = f": {safety['fault']['said']}" if safety["fault"].get("said") else ""
-    ran = f"{summary['duration_s']:.2f} s on the {summary['clock']} clock, {summary['ticks']} ticks"
+    planned = f" of {summary['planned_s']:g}" if is_short(summary) else ""
+    ran = f"{summary['duration_s']:.2f}{planned} s on the {summary['clock']} clock"
+    ran += f", {summary['ticks']} ticks"
     early = ", interrupted" if summary.get("interrupted") else ""
     direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
     round_trip = _number(link["round_trip_ms"], " ms", 4)

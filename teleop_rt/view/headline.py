@@ -7,7 +7,7 @@ from typing import Any
 
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
 from teleop_rt.metrics import in_percent
-from teleop_rt.trial.grades import Grade, grades, lost_share, selected_nrmse, worst
+from teleop_rt.trial.grades import Grade, grades, is_short, lost_share, selected_nrmse, worst
 from teleop_rt.trial.late import on_hardware, stalls
 from teleop_rt.trial.softened import softened
 from teleop_rt.view.delay import Delays
@@ -132,7 +132,8 @@ def safety(summary: Mapping[str, Any], grade: Grade) -> Tile:
 def _loop(run: Run, grade: Grade) -> Tile:
     summary = run.summary
     missed, ticks = summary["missed_ticks"], summary["ticks"]
-    rate = f"{number(1.0 / run.period_s)} Hz for {summary['duration_s']:.1f} s"
+    planned = f" of {summary['planned_s']:g}" if is_short(summary) else ""
+    rate = f"{number(1.0 / run.period_s)} Hz for {summary['duration_s']:.1f}{planned} s"
     wake, work = summary["wake_latency_us"], summary["work_us"]
     lines = [rate, f"{summary['clock']} clock"]
     if summary.get("interrupted"):

@@ -4,6 +4,8 @@ import pytest
 
 from teleop_rt.trial import grades
 
+CUT_OFF = {"fault": {"code": 13}}
+
 
 def summary(**changes):
     parts = {
@@ -46,6 +48,11 @@ def worst_surface(error, deepest=0.02):
         ({"missed_ticks": 10}, "loop", "good"),
         ({"missed_ticks": 11}, "loop", "attention"),
         ({"missed_ticks": None}, "loop", "unknown"),
+        ({"planned_s": 10.0, "duration_s": 9.99}, "loop", "good"),
+        ({"planned_s": 10.0, "duration_s": 6.0}, "loop", "good"),
+        ({"safety": CUT_OFF, "planned_s": 10.0, "duration_s": 6.0}, "loop", "attention"),
+        ({"safety": CUT_OFF, "planned_s": 10.0, "duration_s": 9.999}, "loop", "good"),
+        ({"interrupted": True}, "loop", "attention"),
         ({}, "link", "good"),
         ({}, "phantom", "unknown"),
         ({"master": worst_felt(4.1)}, "phantom", "good"),

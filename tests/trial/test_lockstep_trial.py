@@ -326,6 +326,11 @@ def test_a_position_that_is_no_number_stops_and_is_a_missing_sample_to_readers(w
     folder = tmp_path / "run"
     summary = run(silicone("duration_s=3"), folder, spoiling)
     assert summary["safety"]["fault"]["name"] == "position_limit"
+    printed = io.StringIO()
+    print_summary(Console(file=printed, width=1000), summary, silicone().rig.units)
+    (ran,) = [line for line in printed.getvalue().splitlines() if " ran " in line]
+    assert " of 3 s on the simulated clock" in ran
+    assert ran.startswith("!")
     slave = read_topics(folder / RECORDING, ["/slave"])["/slave"]
     spoilt = ~np.isfinite(slave["position"])
     assert spoilt.any()
