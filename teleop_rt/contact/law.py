@@ -74,6 +74,16 @@ def spring_slope(depth: float, stiffness: float, exponent: float) -> float:
 
 
 @shared
+def joint_deflection(force: float, compliance: float, stiffening_force: float) -> float:
+    """Return c f / (1 + |f|/f₀), the deflection of a joint that is twice as stiff at f₀ (or inf).
+
+    A joint that seats under load, as a nut, a taper or a flange; inf is a linear spring.
+    """
+    deflection: float = compliance * force / (1.0 + abs(force) / stiffening_force)
+    return deflection
+
+
+@shared
 def damping_at(depth: float, damping: float, exponent: float) -> float:
     """Return b xᵖ, the damping at a depth >= 0."""
     at_depth: float = damping * depth**exponent

@@ -47,7 +47,7 @@ class Corrections:
 
         self._moving = acting("moves_position")
         self._diagnosed_surface = diagnosed_surface
-        self._bending = sum(f.amplitude for f in acting("deflects"))
+        self._bending = acting("deflects")
         self._slow = acting("filters_force")
         levels = [
             (_SATURATED_SHARE if len(f.effect.shapes) == 1 else _BENT_SHARE) * float(f.eta[0])
@@ -58,6 +58,7 @@ class Corrections:
         self._sparks = any(not f.effect.amplitude.unity for f in acting("limits_force"))
         self._period_s = period_s
         self._allowed = _OUTLYING * force_noise * math.sqrt(6.0)
+        self._stateless = np.zeros(1)
         self._states: list[Vector] = [
             np.zeros(max(1, f.effect.state_size)) for f in (*self._moving, *self._slow)
         ]
@@ -96,7 +97,11 @@ class Corrections:
             at = along_stroke if _repeats_along_stroke(one.effect) else depth
             value = one.effect.step(state, at, rate, 0.0, self._time_s, self._period_s, one.eta)
             self.shift += one.amplitude * value
-        position += self.shift - self._bending * force
+        position += self.shift
+        for one in self._bending:
+            state = self._stateless
+            bent = one.effect.step(state, force, 0.0, 0.0, 0.0, self._period_s, one.eta)
+            position -= one.amplitude * bent
         if not self._slow:
             return position
         return self._slowed(position, rate, surface if met else position)

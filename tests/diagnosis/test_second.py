@@ -104,8 +104,14 @@ def in_red_noise(seed: int) -> tuple[Array, Array, Array]:
 
 
 def test_slow_noise_that_free_air_shows_hides_neither_of_two_effects() -> None:
-    """The noise is five times that of the fastest differences."""
-    assert best(*in_red_noise(1)) == {"nonlinear_stiffening", "tool_inertia"}
+    """The noise is five times that of the fastest differences.
+
+    It hides whether the body stiffens or a joint that has seated.
+    """
+    t, x, force = in_red_noise(1)
+    found = diagnose(from_arrays("two", t, x, force), surface=0.0).answer["class"]
+    assert ["nonlinear_stiffening", "tool_inertia"] in [sorted(names) for names in found]
+    assert all("tool_inertia" in names for names in found)
 
 
 def uneven_friction(seed: int) -> tuple[Array, Array, Array]:

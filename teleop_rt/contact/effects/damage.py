@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from math import exp, tanh
+from math import exp, expm1, tanh
 
 from teleop_rt.contact.effect import OF_THE_SPRING, Amplitude, Effect, Shape, Vector
 from teleop_rt.contact.effects.stiffening import SPRING_POWER
@@ -72,6 +72,15 @@ def _set_behind_deepest(
     """Leave a share of the deepest penetration behind as a lower surface."""
     state[0] = max(state[0], x)
     return float(-max(state[0], 0.0))
+
+
+@kernel
+def _set_creeping_in(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Lower the surface towards a share of the penetration while that is more; never back."""
+    state[0] += max(x - state[0], 0.0) * -expm1(-dt / eta[0])
+    return -float(state[0])
 
 
 @kernel
@@ -171,6 +180,29 @@ EFFECTS = (
         shapes=(Shape("yield_depth", "{x}", 0.02, 0.7, 0.1, relative_to="travel", points=3),),
         step=_set_beyond_yield,
         sentence="A share of {share} of the penetration beyond {yield_depth} stays.",
+        state_size=1,
+        only_in_contact=False,
+        acts="moves_position",
+    ),
+    _damaged(
+        name="permanent_set",
+        law="creeping in",
+        amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=4),
+        shapes=(
+            Shape(
+                "creep_time",
+                "s",
+                3e-3,
+                2.0,
+                0.1,
+                logarithmic=True,
+                relative_to="duration",
+                points=3,
+                ideal="lower",
+            ),
+        ),
+        step=_set_creeping_in,
+        sentence="A share of {share} of the penetration stays; it creeps in within {creep_time}.",
         state_size=1,
         only_in_contact=False,
         acts="moves_position",

@@ -19,16 +19,18 @@ def _smoothed_sign(
 
 
 @kernel
-def _smoothed_sign_with_depth(
+def smoothed_sign_with_depth(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
+    """Return the sign of the speed, smoothed, times the depth."""
     return float(tanh(v / eta[0]) * max(x, 0.0))
 
 
 @kernel
-def _smoothed_sign_with_spring(
+def smoothed_sign_with_spring(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
+    """Return the sign of the speed, smoothed, times the depth to a power."""
     return tanh(v / eta[0]) * spring_force(max(x, 0.0), 1.0, eta[1])
 
 
@@ -77,7 +79,7 @@ def _stribeck_presliding(
     return float(state[0])
 
 
-_SMOOTHING = Shape(
+SMOOTHING = Shape(
     "smoothing_velocity",
     "{x}/s",
     5e-4,
@@ -125,7 +127,7 @@ _DRY = Effect(
     belongs_to="rig",
     stage="tool",
     amplitude=Amplitude("friction_force", "{f}", nonnegative=True),
-    shapes=(_SMOOTHING,),
+    shapes=(SMOOTHING,),
     step=_smoothed_sign,
     sentence="Dry friction of {friction_force} in the guide.",
     compensation="subtract_force",
@@ -135,7 +137,7 @@ _DRY = Effect(
 _BY_DIRECTION = replace(
     _DRY,
     law="smoothed sign, by direction",
-    shapes=(_SMOOTHING, _BACKWARD),
+    shapes=(SMOOTHING, _BACKWARD),
     step=_sign_by_direction,
     sentence="Dry friction of {friction_force} forward, {backward_ratio} times that backward.",
     like=("coulomb_friction", "force_bias"),
@@ -143,7 +145,7 @@ _BY_DIRECTION = replace(
 _STRIBECK_FRICTION = replace(
     _DRY,
     name="stribeck_friction",
-    shapes=(*_STRIBECK, _SMOOTHING),
+    shapes=(*_STRIBECK, SMOOTHING),
     step=_stribeck_smoothed,
     sentence="Dry friction of {friction_force} that rises by {excess_ratio} at low speed.",
 )
@@ -162,7 +164,7 @@ EFFECTS = (
         _DRY,
         law="smoothed sign, growing with depth",
         amplitude=Amplitude("friction_per_depth", "{f}/{x}", nonnegative=True),
-        step=_smoothed_sign_with_depth,
+        step=smoothed_sign_with_depth,
         sentence="Dry friction of {friction_per_depth} in contact, growing with the depth.",
         only_in_contact=True,
     ),
@@ -170,8 +172,8 @@ EFFECTS = (
         _DRY,
         law=f"smoothed sign, growing with depth {OF_THE_SPRING}",
         amplitude=Amplitude("friction_per_depth", "{f}/{x}^power", nonnegative=True),
-        shapes=(_SMOOTHING, SPRING_POWER),
-        step=_smoothed_sign_with_spring,
+        shapes=(SMOOTHING, SPRING_POWER),
+        step=smoothed_sign_with_spring,
         sentence="Dry friction of {friction_per_depth} in contact, growing with the force.",
         only_in_contact=True,
     ),

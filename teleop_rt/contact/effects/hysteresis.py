@@ -13,7 +13,12 @@ from teleop_rt.contact.effect import (
     Shape,
     Vector,
 )
-from teleop_rt.contact.effects.friction import presliding
+from teleop_rt.contact.effects.friction import (
+    SMOOTHING,
+    presliding,
+    smoothed_sign_with_depth,
+    smoothed_sign_with_spring,
+)
 from teleop_rt.contact.effects.stiffening import SPRING_POWER
 from teleop_rt.contact.law import spring_force, touches
 from teleop_rt.kernels.jit import kernel
@@ -147,6 +152,15 @@ _AS_FRICTION = (
 _memory = partial(
     Effect, family="hysteresis", belongs_to="environment", stage="material", compensation="render"
 )
+# Friction of a guide that the contact loads is the same force: the data cannot separate the names.
+_STRUCTURAL = _memory(
+    name="hysteresis",
+    law="structural, growing with depth",
+    amplitude=Amplitude("loss_stiffness", "{f}/{x}", nonnegative=True),
+    shapes=(SMOOTHING,),
+    step=smoothed_sign_with_depth,
+    sentence="Structural damping of {loss_stiffness}: depth times the sign of the speed (Reid).",
+)
 _ON_BOTH_SIDES = _memory(
     name="hysteresis",
     law=WITHOUT_CONTACT,
@@ -242,5 +256,13 @@ EFFECTS = (
         step=_slipping_with_spring,
         sentence="A hysteretic force of {yield_stiffness} turns over within {yield_travel}.",
         state_size=_SLIDERS + 1,
+    ),
+    _STRUCTURAL,
+    replace(
+        _STRUCTURAL,
+        law=f"structural, growing with depth {OF_THE_SPRING}",
+        amplitude=Amplitude("loss_stiffness", "{f}/{x}^power", nonnegative=True),
+        shapes=(SMOOTHING, SPRING_POWER),
+        step=smoothed_sign_with_spring,
     ),
 )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi, sin
+from math import expm1, pi, sin
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
+from teleop_rt.contact.law import joint_deflection
 from teleop_rt.kernels.jit import kernel
 
 
@@ -19,6 +20,13 @@ def _receding(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return -t
+
+
+@kernel
+def _settling(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(eta[0] * expm1(-t / eta[0]))
 
 
 @kernel
@@ -38,6 +46,13 @@ def _swinging_away(
 @kernel
 def _force(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return x
+
+
+@kernel
+def _seating(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return joint_deflection(x, 1.0, eta[0])
 
 
 @kernel
@@ -120,6 +135,42 @@ _SWINGING = Effect(
     only_in_contact=False,
     acts="moves_position",
 )
+_STEADY = Effect(
+    name="moving_surface",
+    law="steady",
+    family="drift",
+    belongs_to="environment",
+    stage="kinematics",
+    amplitude=Amplitude(
+        "surface_velocity", "{x}/s", lower=-0.05, upper=0.05, relative_to="speed", points=6
+    ),
+    step=_receding,
+    sentence="The surface recedes at {surface_velocity}.",
+    turned="The surface comes nearer at {-surface_velocity}.",
+    compensation="render",
+    only_in_contact=False,
+    acts="moves_position",
+)
+_JOINT = Effect(
+    name="series_compliance",
+    family="stiffening",
+    belongs_to="rig",
+    stage="kinematics",
+    amplitude=Amplitude(
+        "compliance",
+        "{x}/{f}",
+        nonnegative=True,
+        lower=1e-3,
+        upper=0.8,
+        relative_to="compliance",
+        points=8,
+    ),
+    step=_force,
+    sentence="{compliance} of the rig lies in series between encoder and tip.",
+    compensation="correct_position",
+    only_in_contact=False,
+    acts="deflects",
+)
 EFFECTS = (
     Effect(
         name="contact_offset",
@@ -134,21 +185,28 @@ EFFECTS = (
         only_in_contact=False,
         acts="moves_position",
     ),
-    Effect(
-        name="moving_surface",
-        law="steady",
-        family="drift",
-        belongs_to="environment",
-        stage="kinematics",
-        amplitude=Amplitude(
-            "surface_velocity", "{x}/s", lower=-0.05, upper=0.05, relative_to="speed", points=6
+    _STEADY,
+    replace(
+        _STEADY,
+        law="settling",
+        shapes=(
+            Shape(
+                "settling_time",
+                "s",
+                0.03,
+                3.0,
+                0.3,
+                logarithmic=True,
+                relative_to="duration",
+                points=3,
+                ideal="upper",
+            ),
         ),
-        step=_receding,
-        sentence="The surface recedes at {surface_velocity}.",
-        turned="The surface comes nearer at {-surface_velocity}.",
-        compensation="render",
-        only_in_contact=False,
-        acts="moves_position",
+        step=_settling,
+        sentence="The surface recedes, at first at {surface_velocity}, and settles within"
+        " {settling_time}.",
+        turned="The surface comes nearer, at first at {-surface_velocity}, and settles within"
+        " {settling_time}.",
     ),
     _SWINGING,
     replace(
@@ -160,25 +218,27 @@ EFFECTS = (
         " its swing.",
         extends=_SWINGING.law,
     ),
-    Effect(
-        name="series_compliance",
-        family="stiffening",
-        belongs_to="rig",
-        stage="kinematics",
-        amplitude=Amplitude(
-            "compliance",
-            "{x}/{f}",
-            nonnegative=True,
-            lower=1e-3,
-            upper=0.8,
-            relative_to="compliance",
-            points=8,
+    _JOINT,
+    replace(
+        _JOINT,
+        law="seating joint",
+        amplitude=replace(_JOINT.amplitude, upper=4.0, points=5),
+        shapes=(
+            Shape(
+                "seating_force",
+                "{f}",
+                0.02,
+                5.0,
+                0.3,
+                logarithmic=True,
+                relative_to="force",
+                points=2,
+                ideal="upper",
+            ),
         ),
-        step=_force,
-        sentence="{compliance} of the rig lies in series between encoder and tip.",
-        compensation="correct_position",
-        only_in_contact=False,
-        acts="deflects",
+        step=_seating,
+        sentence="{compliance} of the rig lies in series between encoder and tip; at"
+        " {seating_force} the joint has seated and deflects half as far.",
     ),
     _play("centred", _play_centred),
     _play("from the loading flank", _play_from_loading_flank),

@@ -43,7 +43,7 @@ def screen_composed(
     for shape in points_of(problem, effect):
         for amplitude in _amplitudes(problem, fit, own, effect, shape):
             added = np.concatenate([amplitude, shape])
-            guess = _guess_near(fit, effect, added)
+            guess = _guess_near(fit, effect, added, problem.motion.scales["force"])
             zetas = _with_surfaces(problem, fit, own_law, np.concatenate([fit.zeta, added]))
             places += [(zeta, guess) for zeta in zetas]
     without = fit.chi2 - gain_of_slopes(fit, slopes)
@@ -146,11 +146,14 @@ def _amplitudes(
     return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]
 
 
-def _guess_near(fit: Fit, effect: Effect, zeta: Vector) -> Vector | None:
+def _guess_near(fit: Fit, effect: Effect, zeta: Vector, strongest: float) -> Vector | None:
     """Return a guess of the linear parameters with the effect, None if the fit provides none.
 
-    A fit without a force limit has biased parameters, which are no guess for the limited force.
+    `strongest` is the recording's largest force. A fit without a force limit has biased parameters,
+    which are no guess for the limited force.
     """
     if effect.acts == "limits_force":
         return None
-    return stiffer(fit.model, fit.theta, zeta[0]) if effect.acts == "deflects" else fit.theta
+    if effect.acts == "deflects":
+        return stiffer(fit.model, fit.theta, effect, (float(zeta[0]), zeta[1:]), strongest)
+    return fit.theta

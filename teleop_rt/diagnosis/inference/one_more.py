@@ -99,8 +99,8 @@ def exchanged(
 
     The search starts from the parameters that the kept members have in the set. Fitted alone, their
     parameters may compensate for the missing effect and hide it. With `within_family` only effects
-    of the member's own family and its special case are tried: they are its closest rivals, however
-    well the set fits.
+    of the member's own family, its special case and effects with the same force are tried: they are
+    its closest rivals, however well the set fits.
     """
     lower, fits = at_lower_rates(problem), []
     for member in range(len(whole.names)):
@@ -111,13 +111,17 @@ def exchanged(
             for e in effects
             if e.name != left.name
             and not _same_as_any(e, kept)
-            and (e.family == left.family or e.name == special or not within_family)
+            and (_rivals(e, left) or e.name == special or not within_family)
         )
         starts = screen_coarsely(problem, lower, kept, others)[:_MOST_EXCHANGED]
         near, _ = lower[0].around(problem, kept)
         found = [fit_start(near, start, evaluations=10) for start in starts]
         fits += [problem.refine(f.model, f.zeta, _LAST_EVALUATIONS) for f in found]
     return best_by_name(fits)
+
+
+def _rivals(one: Effect, other: Effect) -> bool:
+    return one.family == other.family or one.step is other.step
 
 
 def alike(problem: Problem, base: Fit, best: Fit, effects: tuple[Effect, ...]) -> Fit | None:

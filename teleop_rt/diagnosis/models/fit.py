@@ -174,9 +174,9 @@ class Problem:
                 keep = keep * (np.abs(self.force) < 0.97 * eta[0])
         rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
         theta = signed_least_squares(rows * keep, self.force * keep, model.nonnegative)
-        for effect, (amplitude, _) in zip(model.effects, course.parameters, strict=True):
+        for effect, parameters in zip(model.effects, course.parameters, strict=True):
             if effect.acts == "deflects":
-                theta = stiffer(model, theta, amplitude)
+                theta = stiffer(model, theta, effect, parameters, self.motion.scales["force"])
         return theta
 
     def refine(self, model: CandidateModel, start: Vector, evaluations: int = 15) -> Fit:
@@ -260,10 +260,23 @@ def _damped_step(
     return step, float(2.0 * right @ step - step @ gram @ step)
 
 
-def stiffer(model: CandidateModel, theta: Vector, compliance: float) -> Vector:
-    """Return linear parameters with the stiffness corrected for a compliance in series."""
+def stiffer(
+    model: CandidateModel,
+    theta: Vector,
+    joint: Effect,
+    parameters: tuple[float, Vector],
+    strongest: float,
+) -> Vector:
+    """Return linear parameters with the stiffness corrected for a joint in series.
+
+    `parameters` are the joint's compliance and shape, `strongest` is the largest force, at which
+    its deflection counts.
+    """
     found = theta.copy()
     if not model.base.has_power:
+        compliance, eta = parameters
+        nothing = np.zeros(1)
+        compliance *= joint.step(nothing, strongest, 0.0, 0.0, 0.0, 1.0, eta) / strongest
         place = [linear.name for linear in model.linear].index("k")
         found[place] /= max(1.0 - compliance * found[place], 0.1)
     return found

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Acts, Effect, Vector
+from teleop_rt.contact.effect import Acts, Effect, Matrix, Vector
 from teleop_rt.diagnosis.models.course import Course
+from teleop_rt.diagnosis.models.in_series import Joint, Material, press_in_series
 from teleop_rt.diagnosis.models.model import CandidateModel
-from teleop_rt.diagnosis.models.simulate import press_in_series, run_step
+from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 
-_STEP = 1e-4  # of a parameter: step of the difference that linearises a force
 _SETTLED = 1e-4  # of a parameter; passes end when they change it by less
 
 
@@ -56,11 +57,11 @@ def force_of(model: CandidateModel, motion: RecordedMotion, zeta: Vector, theta:
 
 def _body_force(course: Course, theta: Vector) -> Vector:
     """Return the force of the base, behind the compliances, with the effects that a clamp cuts."""
-    compliances = _compliances(course)
-    if compliances:
+    joints = _joints(course)
+    if joints:
         base = Columns(np.zeros_like(course.moved.x), _clamped(course, theta)[0])
-        for compliance in compliances:
-            base = _pressed(course, base, compliance, theta)
+        for joint in joints:
+            base = _pressed(course, base, joint, theta)
         return base.sum(theta[: len(course.base)])
     number = len(course.base)
     if course.model.clamp == "none":
@@ -82,8 +83,8 @@ def columns(course: Course, guess: Vector | None) -> Columns:
     if guess is not None:
         base, added = _clamped(course, guess)
         found = found._replace(columns=base)
-        for compliance in _compliances(course):
-            found = _linear_in_series(course, found, compliance, guess)
+        for joint in _joints(course):
+            found = _linear_in_series(course, found, joint, guess)
     offset, rows = found.offset, [*found.columns, *added]
     behind = [False] * number + course.behind
     for effect, eta in _acting(course, "filters_force"):
@@ -145,60 +146,60 @@ def _acting(course: Course, acts: Acts) -> Iterator[tuple[Effect, Vector]]:
             yield effect, eta
 
 
-def _compliances(course: Course) -> list[float]:
-    """Return the compliances in series with the base's spring, if it has one."""
+def _joints(course: Course) -> list[Joint]:
+    """Return the joints in series with the base's spring, if it has one."""
     if "k" not in _names(course):
         return []
-    pairs = zip(course.model.effects, course.parameters, strict=True)
-    return [amplitude for effect, (amplitude, _) in pairs if effect.acts == "deflects"]
+    return [
+        Joint(amplitude, float(eta[0]) if effect.shapes else inf)
+        for effect, (amplitude, eta) in zip(course.model.effects, course.parameters, strict=True)
+        if effect.acts == "deflects"
+    ]
 
 
 def _names(course: Course) -> list[str]:
     return [term.name for term in course.model.base.terms]
 
 
-def _spring_and_damper(course: Course, theta: Vector) -> tuple[float, float]:
-    """Return k > 0 and b >= 0."""
+def _material(course: Course, theta: Vector) -> Material:
+    """Return the spring and damper of the base, with k > 0 and b >= 0."""
     found = dict(zip(_names(course), theta.tolist(), strict=False))
-    return max(found["k"], 1e-9), max(found.get("b", 0.0), 0.0)
+    n, q = (course.power, course.power) if course.model.base.has_power else (1.0, 0.0)
+    return Material(max(found["k"], 1e-9), n, max(found.get("b", 0.0), 0.0), q)
 
 
-def _press(course: Course, compliance: float, k: float, b: float) -> Vector:
-    """Return the force of the base's spring and damper behind a compliance."""
-    base, moved = course.model.base, course.moved
-    n, nb = (course.power, course.power) if base.has_power else (1.0, 0.0)
+def _press(course: Course, joint: Joint, material: Material, *, slopes: bool = False) -> Matrix:
+    """Return the force of the base's spring and damper behind a joint, perhaps with derivatives."""
+    base, moved, clamped = course.model.base, course.moved, course.model.clamp != "none"
     speed = np.maximum(moved.v, 0.0) if base.name == "kelvin-voigt-unilateral" else moved.v
     return press_in_series(
-        moved.x, speed, k, n, b, nb, compliance, moved.dt, course.model.clamp != "none"
+        moved.x, speed, material, joint, moved.dt, clamped=clamped, slopes=slopes
     )
 
 
-def _pressed(course: Course, base: Columns, compliance: float, theta: Vector) -> Columns:
-    """Replace the columns of k and b by the force behind the compliance, as the offset."""
+def _pressed(course: Course, base: Columns, joint: Joint, theta: Vector) -> Columns:
+    """Replace the columns of k and b by the force behind the joint, as the offset."""
     names = _names(course)
     rest = [
         np.zeros_like(row) if name in {"k", "b"} else row
         for name, row in zip(names, base.columns, strict=True)
     ]
-    return Columns(_press(course, compliance, *_spring_and_damper(course, theta)), rest)
+    return Columns(_press(course, joint, _material(course, theta))[0], rest)
 
 
-def _linear_in_series(course: Course, base: Columns, compliance: float, guess: Vector) -> Columns:
-    """Replace the columns of k and b by the derivatives of the force behind the compliance.
+def _linear_in_series(course: Course, base: Columns, joint: Joint, guess: Vector) -> Columns:
+    """Replace the columns of k and b by the derivatives of the force behind the joint.
 
     The offset makes the linearisation exact at the guess.
     """
     names, rows = _names(course), list(base.columns)
-    k, b = _spring_and_damper(course, guess)
-    force = _press(course, compliance, k, b)
-    by_k = (_press(course, compliance, k * (1 + _STEP), b) - force) / (k * _STEP)
+    material = _material(course, guess)
+    force, by_k, by_b = _press(course, joint, material, slopes=True)
     rows[names.index("k")] = by_k
-    offset: Vector = force - k * by_k
+    offset: Vector = force - material.k * by_k
     if "b" in names:
-        step = _STEP * max(b, 1e-3 * k * course.moved.dt)
-        by_b = (_press(course, compliance, k, b + step) - force) / step
         rows[names.index("b")] = by_b
-        offset = offset - b * by_b
+        offset = offset - material.b * by_b
     return Columns(offset, rows)
 
 

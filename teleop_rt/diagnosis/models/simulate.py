@@ -1,4 +1,4 @@
-"""Kernels that run an effect, or a material behind a compliance, over a whole recording."""
+"""Kernels that run an effect over a whole recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numba import types
 from numba.experimental.function_type import _get_wrapper_address
 
 from teleop_rt.contact.effect import Effect, StepFunction, Vector
-from teleop_rt.contact.law import damping_at, spring_force, touches
 from teleop_rt.kernels.jit import kernel
 
 _F8 = types.float64
@@ -119,85 +118,3 @@ def _rate_of(row: Vector, dt: float, out: Vector) -> None:
     for i in range(1, last):
         out[i] = (row[i + 1] - row[i - 1]) / (2.0 * dt)
     out[0], out[last] = (row[1] - row[0]) / dt, (row[last] - row[last - 1]) / dt
-
-
-@kernel
-def _linear_in_series(
-    x: Vector, v: Vector, i: int, k: float, b: float, c: float, dt: float, last: float
-) -> float:
-    """Return k p + b p' behind the compliance: a low-pass of k x + b v, from the contact on."""
-    share = 1.0 + k * c
-    touching = i > 0 and x[i - 1] > 0.0
-    step, before = dt, k * x[i - 1] + b * v[i - 1]
-    if not touching:
-        step = min(dt, x[i] / v[i]) if v[i] > 0.0 and i > 0 else 0.0
-        before = b * v[i]
-        last = 0.0 if i > 0 else (k * x[i] + b * v[i]) / share
-    now = k * x[i] + b * v[i]
-    ratio = min(step * share / max(b * c, 1e-300), 1e9)
-    if ratio < 1e-9:
-        return last
-    decay, slope = math.exp(-ratio), (now - before) / ratio
-    return float((decay * (last * share - before + slope) + now - slope) / share)
-
-
-def press_in_series(
-    x: Vector,
-    v: Vector,
-    k: float,
-    n: float,
-    b: float,
-    nb: float,
-    c: float,
-    dt: float,
-    clamped: bool,
-) -> Vector:
-    """Return the force f = k p^n + b p^nb p' with p = x - c f, behind the compliance c.
-
-    Never below zero if `clamped`.
-
-    Implicit in f, whose rate is its backward difference (Newton's method); exact where F is
-    linear, for then a damper's force jumps at the contact.
-    """
-    force = np.zeros_like(x)
-    _press_in_series(x, v, k, n, b, nb, c, dt, clamped, force)
-    return force
-
-
-@kernel
-def _press_in_series(
-    x: Vector,
-    v: Vector,
-    k: float,
-    n: float,
-    b: float,
-    nb: float,
-    c: float,
-    dt: float,
-    clamped: bool,
-    out: Vector,
-) -> None:
-    last = rise = 0.0
-    for i in range(x.size):
-        if not touches(x[i]):
-            last = rise = 0.0
-            continue
-        f = last + rise
-        if n == 1.0 and nb == 0.0:
-            f = _linear_in_series(x, v, i, k, b, c, dt, last)
-            out[i] = last = max(f, 0.0) if clamped else f
-            continue
-        for _ in range(12):
-            f = min(f, 0.999 * x[i] / c)
-            p = x[i] - c * f
-            w = v[i] - c * (f - last) / dt
-            spring = spring_force(p, k, n)
-            damper = b * (spring / k) if nb == n else damping_at(p, b, nb)  # one power, not two
-            value = spring + damper * w
-            slope = -c * ((n * spring + nb * damper * w) / p + damper / dt)
-            step = (value - f) / (1.0 - min(slope, 0.0))
-            f += step
-            if abs(step) < 1e-9 * (1.0 + abs(f)):
-                break
-        out[i] = max(f, 0.0) if clamped else f
-        rise, last = out[i] - last, out[i]
