@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.model import CandidateModel, phases
-from teleop_rt.diagnosis.models.simulate import late, rate_of, run_step
+from teleop_rt.diagnosis.models.simulate import late, over_steps, rate_of, run_step
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.recordings.filters import running_rank
 
@@ -143,7 +143,8 @@ def _run(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> V
     """Return the effect's value at every sample."""
 
     def make() -> Vector:
-        return run_step(effect, place.x, place.v, motion.a, motion.t, motion.dt, eta)
+        v = over_steps(place.v) if effect.state_size else place.v
+        return run_step(effect, place.x, v, motion.a, motion.t, motion.dt, eta)
 
     if place.shift is None:
         return make()
