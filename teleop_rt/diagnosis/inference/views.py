@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.confirmed import Judged, confirmed
 from teleop_rt.diagnosis.inference.rounds import Diagnosis, in_rounds
@@ -23,6 +24,7 @@ from teleop_rt.diagnosis.samples.held import (
     bilateral,
     is_held,
     is_left,
+    may_be_held,
     unilateral,
 )
 from teleop_rt.diagnosis.samples.onset import Surface
@@ -39,6 +41,7 @@ _LEAST_COMMON = 0.05  # of a judgement's samples, on which another view is compa
 _LIKELIEST = 3  # candidates of which one shows the residual that a view of the contact may leave
 
 
+_AIR_RATIO = 1.5  # of the error in contact, in free air; more is no free air
 _AT_BOUND = 0.99  # of a surface's uncertainty; a fit beyond it is cut off by the bound
 _EMPTY = 0.1  # of the force over the travel; a base with a softer spring has none
 _FREE = ("mass-damper", "mass,spring,viscous,bias")  # bases of a drive that touches nothing
@@ -176,6 +179,8 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
     else:
         order = [touching] if is_left(recording) else [base, touching]
     yield from (View(one) for one in order if one is not None)
+    if base.touches and held is not None and held not in order and may_be_held(recording):
+        yield View(held, at_a_glance=False)
     if base.touches and moves_freely(recording):
         yield from (View(base_of(name), at_a_glance=False) for name in _FREE)
     if (hidden := surface_behind_weight(recording)) is not None:
@@ -195,15 +200,24 @@ def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
     """Return, at little cost, whether a view may explain the judgement's missing part.
 
     Where a set is named, another kind of base must leave less than that of the judgement without
-    any effect.
+    any effect, unless the judgement leaves much more in what it takes for free air.
     """
     alone = made.plain.base
     alike = view.base.touches == alone.model.base.touches
-    if made.inconclusive or alike or _without_its_spring(made.found):
+    if made.inconclusive or alike or _without_its_spring(made.found) or _leaves_air(made.found):
         return True
     problem, base = pose(recording, view.base, view.surface)
     left = held_out.deviation(problem, fit_base(problem, base))
     return left < held_out.deviation(made.plain.problem, alone)
+
+
+def _leaves_air(found: Diagnosis) -> bool:
+    """Return whether an answer leaves much more beyond its surface than in contact."""
+    problem, fit = found.problem, found.predicts
+    air = ~touches(problem.motion.x) & fit.model.base.touches
+    if not np.any(air):
+        return False
+    return float(np.sqrt(problem.mean_square(fit, air))) > _AIR_RATIO * found.left_by(fit)
 
 
 def _least_left(weighed: Diagnosis) -> float:

@@ -87,6 +87,16 @@ def is_held(recording: Recording, least_pull: float = LEAST_PULL) -> bool:
     return min(below, above) > _SLOPE_RATIO * max(below, above)
 
 
+def may_be_held(recording: Recording) -> bool:
+    """Return whether a body pulls too much for one that the tool leaves, without any free air.
+
+    The two parts of a damper by direction or of a dome that snaps through differ in more than their
+    slopes, so `is_held` does not see them.
+    """
+    low, high = bulk(without_lone(recording.force))
+    return min(-low, high) >= SURE_PULL * (high - low) and not is_left(recording)
+
+
 def unilateral(base: Base) -> Base | None:
     """Return the base of the same body where the tool leaves it, None if there is none."""
     names = [_IN_CONTACT.get(name, "") for name in base.name.split(",")]
