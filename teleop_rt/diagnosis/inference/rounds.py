@@ -43,6 +43,7 @@ from teleop_rt.recordings.rows import Stretch
 INCONCLUSIVE = ("partial", "unexplained")
 _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
 _AGAIN = 6  # evaluations of a descent by another noise, from the optimum by the first one
+_WIDER = 2.0  # times the distance of a surface beyond its bound
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
 _UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
 
@@ -130,6 +131,8 @@ def _judged(
     enter("fitting the base")
     library = applicable(effects, recording, model, pressed=pressed_all_along(problem))
     alone = fit_base(problem, model)
+    if (further := _beyond_onset(problem, alone)) is not None:
+        problem, alone = further, fit_base(further, model, alone)
     problem = without_edges(problem, [alone.model.shift(alone.zeta)])
     problem = without_lone_samples(recording, problem, alone)
     fast, alone = problem, fit_base(problem, model, alone)
@@ -164,6 +167,21 @@ def _judged(
         judgement = joined(judgement, rank(other))
     candidates = tuple(sorted([*sets, *ranked], key=lambda r: r.fit.bic))
     return Diagnosis(problem, alone, judgement, candidates, errors, rank.rows, {})
+
+
+def _beyond_onset(problem: Problem, alone: Fit) -> Problem | None:
+    """Return the problem with a wider bound of the surface if the base has it beyond its bound.
+
+    The surface is sought in the nearest gaps between samples, which a quick touch crosses in one:
+    the onset is no better known than the gaps are wide.
+    """
+    if not alone.model.base.finds_surface:
+        return None
+    shift, scales = abs(alone.model.shift(alone.zeta)), problem.motion.scales
+    if shift <= scales["onset"]:
+        return None
+    wider = {**scales, "onset": _WIDER * shift}
+    return replace(problem, motion=replace(problem.motion, scales=wider))
 
 
 def _ranking(

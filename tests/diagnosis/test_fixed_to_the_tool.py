@@ -1,0 +1,80 @@
+"""Bodies of testing machines that are fixed to the tool, recorded without a word about it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.recordings.recording import Recording, from_arrays
+
+Row = NDArray[np.float64]
+
+
+def _swept(dt_s: float, size_m: float) -> tuple[Row, Row, Row]:
+    """Return time, place [m] and speed of a triangle at three rates with rounded ends."""
+    t = np.arange(0.0, 24.0, dt_s)
+    rate = np.choose(np.minimum(t // 8.0, 2).astype(int), [0.2, 0.5, 1.3])
+    phase = 2.0 * np.pi * np.cumsum(rate) * dt_s
+    x = size_m * 2.0 / np.pi * np.arcsin(0.995 * np.sin(phase))
+    return t, x, np.gradient(x, dt_s)
+
+
+def _recorded(t: Row, x: Row, force: Row, noise_n: float) -> Recording:
+    noise = noise_n * np.random.default_rng(41).standard_normal(t.size)
+    return from_arrays("made", t, 1e-6 * np.round(x / 1e-6), force + noise)
+
+
+def test_a_damper_that_brakes_harder_one_way_is_named_without_a_base() -> None:
+    """Its two halves differ by speed, so no slope tells that it is fixed."""
+    t, x, v = _swept(0.002, 0.02)
+    force = 1500.0 * x + np.where(v > 0.0, 90.0, 290.0) * v
+    answer = diagnose(_recorded(t, x, force, 0.05)).answer
+    assert [e["name"] for e in answer["effects"]] == ["direction_dependent_damping"]
+    found = answer["effects"][0]["parameters"]["extra_forward_damping"]["value"]
+    assert found == pytest.approx(-200.0, rel=0.01)
+
+
+def test_a_dome_that_snaps_through_is_judged_on_its_whole_stroke() -> None:
+    """Its force falls in the middle: a contact near one end named a spring and a weight."""
+    t = 0.002 * np.arange(10000)
+    x = 6.5e-3 * np.sin(2.0 * np.pi * 0.3 * t) + 8e-4 * np.sin(2.0 * np.pi * 1.1 * t)
+    force = -4200.0 * x + 2.4e8 * x**3 + 12.0 * np.gradient(x, 0.002)
+    answer = diagnose(_recorded(t, x, force, 0.05)).answer
+    assert [e["name"] for e in answer["effects"]] == ["nonlinear_stiffening"]
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(-4200.0, rel=0.02)
+
+
+@pytest.mark.parametrize("dt_s", [0.002, 0.004])
+def test_dry_friction_that_yields_first_has_no_delay(dt_s: float) -> None:
+    """Dahl's force is that of the way; by the speed at each sample it was half a sample ahead."""
+    t, x, _ = _swept(dt_s, 4e-3)
+    fine = 8  # steps between samples
+    z, slid = np.zeros(t.size), 0.0
+    for i in range(1, t.size):
+        way = (x[i] - x[i - 1]) / fine
+        for _ in range(fine):
+            slid += way / 6e-4 * (1.0 - np.sign(way) * slid)
+        z[i] = slid
+    answer = diagnose(_recorded(t, x, 18e3 * x + 20.0 * z, 0.1)).answer
+    names = {name for names in answer["class"] for name in names}
+    assert names == {"coulomb_friction", "hysteresis"}
+    found = answer["effects"][0]["parameters"]
+    size = found.get("friction_force", found.get("yield_force"))["value"]
+    assert size == pytest.approx(20.0, rel=0.01)
+
+
+def test_a_stop_that_a_quick_stroke_meets_has_one_stiffness() -> None:
+    """Between two samples lies more than the onset's uncertainty; beyond it a layer was named."""
+    t = 0.002 * np.arange(8000)
+    x = 0.0195 * np.sin(2.0 * np.pi * 0.3 * t) + 0.0011 * np.sin(2.0 * np.pi * 2.1 * t)
+    v = np.gradient(x, 0.002)
+    depth = x - 0.0187
+    stop = np.where(depth > 0.0, np.maximum(1.5e5 * depth + 200.0 * v, 0.0), 0.0)
+    answer = diagnose(_recorded(t, x, stop + 6.0 * np.tanh(v / 1e-3), 0.15)).answer
+    assert {name for names in answer["class"] for name in names} <= {
+        "coulomb_friction",
+        "stribeck_friction",
+    }
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(1.5e5, rel=0.02)
