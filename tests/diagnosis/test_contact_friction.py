@@ -30,23 +30,24 @@ def _pressed(friction: Callable[[Vector, Vector], Vector]) -> Diagnosis:
     return diagnose(from_arrays("body", t, 1e-6 * np.round(x / 1e-6), force + noise), surface=0.0)
 
 
-@pytest.mark.parametrize(
-    ("friction", "law", "parameter", "size"),
-    [
-        (lambda x, v: 1.5 * np.tanh(v / 1e-3), "in contact", "friction_force", 1.5),
-        (lambda x, v: 160.0 * x * np.tanh(v / 1e-3), "with depth", "friction_per_depth", 160.0),
-    ],
-    ids=["constant", "proportional to the depth"],
-)
-def test_friction_in_contact_alone_is_named_with_its_size(
-    friction: Callable[[Vector, Vector], Vector], law: str, parameter: str, size: float
-) -> None:
-    answer = _pressed(friction).answer
+def test_friction_in_contact_alone_is_named_with_its_size() -> None:
+    answer = _pressed(lambda _, v: 1.5 * np.tanh(v / 1e-3)).answer
     assert answer["verdict"] == "named"
     (effect,) = answer["effects"]
-    assert effect["name"] == "coulomb_friction"
-    assert effect["law"].endswith(law)
-    assert effect["parameters"][parameter]["value"] == pytest.approx(size, rel=0.01)
+    assert (effect["name"], effect["law"]) == ("coulomb_friction", "smoothed sign, in contact")
+    assert effect["parameters"]["friction_force"]["value"] == pytest.approx(1.5, rel=0.01)
+    assert answer["error"]["after"] < 1.1 * answer["error"]["noise_floor"]
+
+
+def test_friction_that_grows_with_the_depth_is_one_of_two_names_with_one_size() -> None:
+    """A guide that the contact loads, or the body's own structural damping."""
+    answer = _pressed(lambda x, v: 160.0 * x * np.tanh(v / 1e-3)).answer
+    assert sorted(answer["class"]) == [["coulomb_friction"], ["hysteresis"]]
+    (effect,) = answer["effects"]
+    assert effect["law"].endswith("growing with depth")
+    found = effect["parameters"]
+    size = found.get("friction_per_depth") or found["loss_stiffness"]
+    assert size["value"] == pytest.approx(160.0, rel=0.01)
     assert answer["error"]["after"] < 1.1 * answer["error"]["noise_floor"]
 
 

@@ -13,7 +13,7 @@ from teleop_rt.contact.effects import LIBRARY, NAMES, find
 from teleop_rt.contact.effects.user import EffectError, load_file
 from teleop_rt.diagnosis.answers.answer import effect_entry
 from teleop_rt.diagnosis.answers.extended import ExtendedModelError, read, write
-from teleop_rt.diagnosis.models.in_series import Joint, Material, press_in_series
+from teleop_rt.diagnosis.models.in_series import Joint, SpringDamper, press_in_series
 from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.view.style import effect_in_words
 
@@ -149,7 +149,7 @@ def test_a_slow_channel_of_second_order_answers_as_scipy_says() -> None:
 
 
 def test_a_compliance_in_series_makes_springs_add_as_springs_do() -> None:
-    spring, joint = Material(2000.0, 1.0, 1e-9, 0.0), Joint(1 / 8000.0, np.inf)
+    spring, joint = SpringDamper(2000.0, 1.0, 1e-9, 0.0), Joint(1 / 8000.0, np.inf)
     force = press_in_series(X, V, spring, joint, DT, clamped=False)[0]
     np.testing.assert_allclose(force, 1600.0 * np.maximum(X, 0.0), atol=1e-6)
 

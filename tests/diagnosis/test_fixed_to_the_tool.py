@@ -1,4 +1,4 @@
-"""Bodies of testing machines that are fixed to the tool, recorded without a word about it."""
+"""Bodies of testing machines that are fixed to the tool, and no option says so."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _recorded(t: Row, x: Row, force: Row, noise_n: float) -> Recording:
 
 
 def test_a_damper_that_brakes_harder_one_way_is_named_without_a_base() -> None:
-    """Its two halves differ by speed, so no slope tells that it is fixed."""
+    """Its two halves differ by speed, so no slope shows that it is fixed."""
     t, x, v = _swept(0.002, 0.02)
     force = 1500.0 * x + np.where(v > 0.0, 90.0, 290.0) * v
     answer = diagnose(_recorded(t, x, force, 0.05)).answer

@@ -42,21 +42,21 @@ def _pressed(power: float, lost: str) -> Recording:
 
 @pytest.mark.parametrize("power", cases(1.5, 2.0))
 @pytest.mark.parametrize(
-    ("lost", "name"),
+    ("lost", "names"),
     [
-        ("with time", "softening"),
-        ("below the deepest", "mullins_softening"),
-        ("by friction", "coulomb_friction"),
-        ("by forward speed", "direction_dependent_damping"),
-        ("by the square of the speed", "quadratic_damping"),
+        ("with time", ["softening"]),
+        ("below the deepest", ["mullins_softening"]),
+        ("by friction", ["coulomb_friction", "hysteresis"]),
+        ("by forward speed", ["direction_dependent_damping"]),
+        ("by the square of the speed", ["quadratic_damping"]),
     ],
 )
 def test_a_share_of_the_elastic_force_of_a_tip_is_named_and_predicted(
-    lost: str, name: str, power: float
+    lost: str, names: list[str], power: float
 ) -> None:
     """As shares of a linear spring they got other names beside them, or were partly named."""
     answer = diagnose(_pressed(power, lost), "hunt-crossley", surface=0.0).answer
-    assert answer["class"] == [[name]]
+    assert sorted(answer["class"]) == [[name] for name in names]
     assert answer["effects"][0]["law"].endswith(OF_THE_SPRING)
     error = answer["error"]["std_normalised"]
     assert error["after"] < 0.3 * error["before"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.models.in_series import Joint, Material, press_in_series
+from teleop_rt.diagnosis.models.in_series import Joint, SpringDamper, press_in_series
 from teleop_rt.recordings.recording import from_arrays
 
 DT_S, NOISE_N, STEP_M = 0.002, 0.02, 5e-7
@@ -106,13 +106,13 @@ def test_a_joint_that_seats_under_load_is_a_compliance_in_series(seed: int) -> N
     assert answer["error"]["after"] < 0.3 * answer["error"]["before"]
 
 
-_MATERIALS = [Material(6e3, 1.0, 40.0, 0.0), Material(3e5, 1.5, 2e4, 1.5)]
+_MATERIALS = [SpringDamper(6e3, 1.0, 40.0, 0.0), SpringDamper(3e5, 1.5, 2e4, 1.5)]
 
 
 @pytest.mark.parametrize("material", _MATERIALS, ids=["linear", "power"])
 @pytest.mark.parametrize("joint", [Joint(2e-5, np.inf), Joint(4e-5, 3.0)], ids=["spring", "seats"])
 def test_derivatives_behind_a_joint_are_those_of_its_force(
-    material: Material, joint: Joint
+    material: SpringDamper, joint: Joint
 ) -> None:
     x, v = _moved(7)
 
@@ -132,7 +132,7 @@ def test_derivatives_behind_a_joint_are_those_of_its_force(
 def test_a_force_behind_a_joint_fulfils_the_law_of_both(seats_at: float) -> None:
     """Hertz's spring behind a joint, in rest: the force of the depth that the joint leaves."""
     x = np.linspace(1e-5, 2e-3, 50)
-    spring, joint = Material(3e5, 1.5, 0.0, 1.5), Joint(5e-5, seats_at)
+    spring, joint = SpringDamper(3e5, 1.5, 0.0, 1.5), Joint(5e-5, seats_at)
     force = press_in_series(x, np.zeros_like(x), spring, joint, DT_S, clamped=False)[0]
     left = x - 5e-5 * force / (1.0 + force / seats_at)
     assert np.allclose(force, 3e5 * left**1.5, rtol=1e-9)

@@ -40,9 +40,9 @@ class Count:
 @pytest.mark.parametrize(
     ("effects", "fits", "predictions"),
     [
-        ((), 800, 400),
+        ((), 800, 450),
         (("coulomb_friction",), 1650, 1280),
-        (("channel_delay", "force_bias"), 2350, 2620),
+        (("channel_delay", "force_bias"), 2350, 2900),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

@@ -17,7 +17,6 @@ from teleop_rt.diagnosis.inference.ranked import Ranked, certain, excess_of, lea
 from teleop_rt.diagnosis.inference.ranking import Ranking
 from teleop_rt.diagnosis.inference.second import all_needed, extension_needed, parts_of
 from teleop_rt.diagnosis.inference.tones import adds_tone
-from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound
 from teleop_rt.diagnosis.inference.verdict import simpler_names
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.diagnosis.noise.structure import LackOfFit
@@ -64,13 +63,10 @@ def _bic(ranked: Ranked) -> float:
 def _complete(rank: Ranking, found: Ranked, known: Known) -> bool:
     """Return whether a set is a pair, or leaves at most a twentieth of the rest of its best part.
 
-    Each further effect takes a part of an unknown remainder. A law at a bound stands in for another
-    effect: a layer far away for a bias.
+    Each further effect takes a part of an unknown remainder.
     """
     if len(found.fit.names) == 2:
         return True
-    if at_wrong_bound(rank.problem, found.fit):
-        return False
     if not leaves_structure(found.left, max(rank.floor, rank.floor_of(found.fit))):
         return True
     best = min((known[part] for part in parts_of(found.fit)), key=_bic)
@@ -166,15 +162,15 @@ def _likeliest(
     If the best pair leaves structure, members of other families are tried as well; a larger set
     that leaves some is no answer, only the beginning of the next.
     """
-    of_pairs = len(firsts[0].fit.names) > 1
-    starts = [r.fit for r in firsts[: _FIRSTS if of_pairs else len(firsts)]]
+    of_sets = len(firsts[0].fit.names) > 1
+    starts = [r.fit for r in firsts[: _FIRSTS if of_sets else len(firsts)]]
     fits = search_one_more(rank.problem, rank.base, starts, effects)
     ranked = [rank(fit) for fit in fits[:MOST_RANKED]]
     if not ranked:
         return []
     known = {frozenset(r.fit.names): r for r in ranked}
     complete = not leaves_structure(ranked[0].left, floor)
-    if of_pairs and not complete:
+    if of_sets and not complete:
         return ranked
     others = exchanged(rank.problem, ranked[0].fit, effects, within_family=complete)
     for fit in others[:MOST_RANKED]:

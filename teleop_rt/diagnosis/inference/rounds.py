@@ -43,7 +43,8 @@ from teleop_rt.recordings.rows import Stretch
 INCONCLUSIVE = ("partial", "unexplained")
 _UNEVEN_STAMPS = 0.02  # of a period; larger jitter of the stamps may look like a delay
 _AGAIN = 6  # evaluations of a descent by another noise, from the optimum by the first one
-_WIDER = 2.0  # times the distance of a surface beyond its bound
+_PAST_BOUND = 1.1  # times the bound, beyond which only a gap can have led the surface
+_BEYOND_GAP = 2.0  # times the distance of a surface beyond its bound
 _CLEAR_GAIN = 0.2  # chi-square per independent value: a gain that the unweighted residual must show
 _UNREDUCED_RATIO = 0.95  # of the base's residual; a larger one is not reduced
 
@@ -173,14 +174,14 @@ def _beyond_onset(problem: Problem, alone: Fit) -> Problem | None:
     """Return the problem with a wider bound of the surface if the base has it beyond its bound.
 
     The surface is sought in the nearest gaps between samples, which a quick touch crosses in one:
-    the onset is no better known than the gaps are wide.
+    the onset is no better known than the gaps are wide. At its bound a surface stays.
     """
     if not alone.model.base.finds_surface:
         return None
     shift, scales = abs(alone.model.shift(alone.zeta)), problem.motion.scales
-    if shift <= scales["onset"]:
+    if shift <= _PAST_BOUND * scales["onset"]:
         return None
-    wider = {**scales, "onset": _WIDER * shift}
+    wider = {**scales, "onset": _BEYOND_GAP * shift}
     return replace(problem, motion=replace(problem.motion, scales=wider))
 
 

@@ -35,7 +35,7 @@ _FORM_SIZES = (0.03, 0.1, 0.3)
 """Force that the form of a law misses, as shares of the law's own, the likeliest of which counts:
 published laws of one physics (Dahl, Bouc and Wen, Maxwell slip) differ by a tenth."""
 _REST_LEFT = 0.02
-"""Share of the structure beside its first effect that a pair leaves if the second one is no form
+"""Share of the structure beside its best part that a set leaves if its last effect is no form
 error: partners that imitate form errors leave 0.2 to 0.9 of it, effects that are there 0.03 or
 less."""
 _NEARLY_NOTHING = 0.1
@@ -126,9 +126,9 @@ def extension_needed(
     return gain > CERTAIN_BIC
 
 
-def _takes_the_rest(pair: Ranked, alone: Ranked) -> bool:
-    """Return whether a pair leaves next to nothing of the structure beside its first effect."""
-    most = pair.left.excess + SIGMAS * pair.left.deviation
+def _takes_the_rest(longer: Ranked, alone: Ranked) -> bool:
+    """Return whether a set leaves next to nothing of the structure beside its best part."""
+    most = longer.left.excess + SIGMAS * longer.left.deviation
     return most < _REST_LEFT * alone.left.excess
 
 
@@ -137,16 +137,20 @@ def _rest(ranked: Ranked) -> float:
     return max(ranked.left.excess, _beyond_noise(ranked.fit))
 
 
-def takes_nearly_all(pair: Ranked, alone: Ranked) -> bool:
-    """Return whether a pair explains nine tenths of its first effect's residual, beside chance.
+def takes_nearly_all(longer: Ranked, alone: Ranked) -> bool:
+    """Return whether a set explains nine tenths of its best part's residual, beside chance.
 
     It must in the structure or in all values, where chance is small enough to show it, and leave
     clearly more in neither.
     """
     shown = False
     for first, rest, deviation in (
-        (alone.left.excess, pair.left.excess, pair.left.deviation),
-        (_beyond_noise(alone.fit), _beyond_noise(pair.fit), math.sqrt(2.0 * pair.fit.effective)),
+        (alone.left.excess, longer.left.excess, longer.left.deviation),
+        (
+            _beyond_noise(alone.fit),
+            _beyond_noise(longer.fit),
+            math.sqrt(2.0 * longer.fit.effective),
+        ),
     ):
         most, chance = _NEARLY_NOTHING * first, SIGMAS * deviation
         if chance < 2.0 * most and rest - chance >= most:
@@ -162,7 +166,7 @@ def _beyond_noise(fit: Fit) -> float:
 
 @dataclass(frozen=True)
 class _Remainder:
-    """The remainder of a pair: noise, and an unknown function that has no form of either law.
+    """The remainder of a set: noise, and an unknown function that has no form of its laws.
 
     The unknown function makes every gain less certain (quasi-likelihood), but for that of a tone.
     `inside` and `outside` are variances per direction, within the `directions` of the flexible
@@ -177,7 +181,7 @@ class _Remainder:
 
     @classmethod
     def of(
-        cls, problem: Problem, pair: Ranked, alone: Ranked, excess: float, floor: float
+        cls, problem: Problem, longer: Ranked, alone: Ranked, excess: float, floor: float
     ) -> _Remainder:
         """Return it with the level of the noise that its `doubt` allows.
 
@@ -185,12 +189,12 @@ class _Remainder:
         smaller than a share of the `excess`, because no law is known better, and acts where the
         effect `alone` does.
         """
-        left = pair.left
+        left = longer.left
         noise = left.noise_per_direction * (1.0 + DOUBT_WEIGHT * left.doubt)
         per_direction = noise / left.noise_per_direction / max(left.rank, 1)
         unknown = max(left.excess - floor, 0.0) * per_direction
         inside = noise + max(unknown, SECOND_SHARE * excess * per_direction)
-        added = [e for e in pair.fit.model.effects if e.name not in alone.fit.names]
+        added = [e for e in longer.fit.model.effects if e.name not in alone.fit.names]
         outside = noise if any(map(adds_tone, added)) else noise + unknown
         in_contact = all(effect.only_in_contact for effect in alone.fit.model.effects)
         flexible = problem.flexible_in_contact if in_contact else problem.flexible

@@ -200,7 +200,7 @@ def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
     """Return, at little cost, whether a view may explain the judgement's missing part.
 
     Where a set is named, another kind of base must leave less than that of the judgement without
-    any effect, unless the judgement leaves much more in what it takes for free air.
+    any effect, unless the judgement leaves much more in its free air.
     """
     alone = made.plain.base
     alike = view.base.touches == alone.model.base.touches

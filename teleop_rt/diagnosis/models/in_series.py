@@ -16,7 +16,7 @@ _NEARLY = 1e-6  # of a force: size of the last Newton step, whose error is about
 _MOST_STEPS = 12  # of Newton's method; three or four suffice
 
 
-class Material(NamedTuple):
+class SpringDamper(NamedTuple):
     """A spring k pⁿ with a damper b p^q p', at a penetration p: k, n, b, q."""
 
     k: float
@@ -38,7 +38,7 @@ class Joint(NamedTuple):
 def press_in_series(
     x: Vector,
     v: Vector,
-    material: Material,
+    material: SpringDamper,
     joint: Joint,
     dt: float,
     *,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Acts, Effect, Matrix, Vector
 from teleop_rt.diagnosis.models.course import Course
-from teleop_rt.diagnosis.models.in_series import Joint, Material, press_in_series
+from teleop_rt.diagnosis.models.in_series import Joint, SpringDamper, press_in_series
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
@@ -161,14 +161,14 @@ def _names(course: Course) -> list[str]:
     return [term.name for term in course.model.base.terms]
 
 
-def _material(course: Course, theta: Vector) -> Material:
+def _material(course: Course, theta: Vector) -> SpringDamper:
     """Return the spring and damper of the base, with k > 0 and b >= 0."""
     found = dict(zip(_names(course), theta.tolist(), strict=False))
     n, q = (course.power, course.power) if course.model.base.has_power else (1.0, 0.0)
-    return Material(max(found["k"], 1e-9), n, max(found.get("b", 0.0), 0.0), q)
+    return SpringDamper(max(found["k"], 1e-9), n, max(found.get("b", 0.0), 0.0), q)
 
 
-def _press(course: Course, joint: Joint, material: Material, *, slopes: bool = False) -> Matrix:
+def _press(course: Course, joint: Joint, material: SpringDamper, *, slopes: bool = False) -> Matrix:
     """Return the force of the base's spring and damper behind a joint, perhaps with derivatives."""
     base, moved, clamped = course.model.base, course.moved, course.model.clamp != "none"
     speed = np.maximum(moved.v, 0.0) if base.name == "kelvin-voigt-unilateral" else moved.v
