@@ -63,9 +63,8 @@ NOT_STOPPED = Stopped(NO_FAULT, 0, "")
 SAMPLES_LOST = Fault(
     10,
     "samples_lost",
-    "no usable sample of position and force for 20 ms, or realtime.late.stop_ms if that is longer",
-    "check power and wiring of encoder and force sensor (a simulated rig lacked a processor: leave"
-    " it a core, or run with --clock simulated), then reset and arm",
+    "no usable sample of position and force for longer than realtime.late.stop_ms (20 ms at least)",
+    "check power and wiring of encoder and force sensor, then reset and arm",
 )
 LATE_TICKS = Fault(
     11,

@@ -152,6 +152,11 @@ class SafetyChain:
         return faults.FAULTS[self._counts[_FAULT_AT]]
 
     @property
+    def patience_ms(self) -> float:
+        """For how long there may be no usable sample before the axis stops [ms]."""
+        return 1e3 * self._tick.stop_missing / self._tick.rate_hz
+
+    @property
     def followings(self) -> int:
         """How often the axis began to follow."""
         return self._counts[_FOLLOWINGS_AT]

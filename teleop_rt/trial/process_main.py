@@ -39,6 +39,11 @@ if TYPE_CHECKING:
 MASTER_PRIORITY, RIG_PRIORITY = 50, 55
 """SCHED_FIFO priorities of master and simulated rig, where the system grants them."""
 
+_SIMULATED_LOST = (
+    "leave the simulated rig, which lacked a processor, a core of its own, or run with --clock"
+    " simulated; then reset and arm"
+)
+
 ShouldStop = Callable[[], bool]
 OpenAxis = Callable[[Callable[[], int]], Axis]
 """Opens the rig's axis, given the clock [ns] by which it stamps."""
@@ -91,8 +96,8 @@ def slave_main(
             lambda: loop_clock(trial.rig, held.axis, endpoint),
             _finished(slave, should_stop, last_tick),
         )
-        if_late = _if_late(trial, granted)
-        return SlaveEnd(slave_outcome(slave, endpoint, if_late), again=held.goes_on)
+        if_late, if_lost = _if_late(trial, granted), "" if trial.plant is None else _SIMULATED_LOST
+        return SlaveEnd(slave_outcome(slave, endpoint, if_late, if_lost), again=held.goes_on)
 
 
 @dataclass(slots=True)

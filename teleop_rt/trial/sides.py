@@ -19,7 +19,7 @@ from teleop_rt.link.transport import Transport
 from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.faults import DRIVER, LATE_TICKS, SAMPLES_LOST
+from teleop_rt.slave.faults import DRIVER, LATE_TICKS, SAMPLES_LOST, Fault
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.late import cause, late_outcome
@@ -98,10 +98,26 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
     }
 
 
-def slave_outcome(slave: Slave, endpoint: Endpoint, if_late: str = "") -> dict[str, Any]:
+def _cause(slave: Slave, fault: Fault) -> str:
+    """Return the cause of a fault, with the bound that was in force."""
+    if fault is not SAMPLES_LOST:
+        return fault.cause
+    return f"no usable sample of position and force for {slave.safety.patience_ms:.3g} ms"
+
+
+def _advice(fault: Fault, by_lateness: bool, if_late: str, if_lost: str) -> str:
+    if by_lateness:
+        return if_late
+    return if_lost if fault is SAMPLES_LOST else ""
+
+
+def slave_outcome(
+    slave: Slave, endpoint: Endpoint, if_late: str = "", if_lost: str = ""
+) -> dict[str, Any]:
     """Return the counts of the slave's side, for the summary.
 
-    `if_late` is the advice for this machine's loop where lateness stopped it.
+    `if_late` is the advice for this machine's loop where lateness stopped it, and `if_lost` that
+    for its devices where no sample came.
     """
     fault, late = slave.fault, late_outcome(slave.safety)
     by_lateness = fault is LATE_TICKS and late["stop"] is not None
@@ -115,8 +131,8 @@ def slave_outcome(slave: Slave, endpoint: Endpoint, if_late: str = "") -> dict[s
             "fault": {
                 "code": fault.code,
                 "name": fault.name,
-                "cause": cause(late) if by_lateness else fault.cause,
-                "next_step": (if_late if by_lateness else "") or fault.next_step,
+                "cause": cause(late) if by_lateness else _cause(slave, fault),
+                "next_step": _advice(fault, by_lateness, if_late, if_lost) or fault.next_step,
                 "said": said or None,
             },
             "unsafe": slave.unsafe,

@@ -3,6 +3,7 @@
 import itertools
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ from teleop_rt.service.commands import lines
 from teleop_rt.service.connections import LONGEST_REQUEST
 from teleop_rt.service.mailbox import Command, CommandBox
 from teleop_rt.service.server import CommandServer
-from teleop_rt.slave.faults import State
+from teleop_rt.slave.faults import SAMPLES_LOST, State
 from teleop_rt.trial.alone import Alone
 from teleop_rt.trial.sides import slave_outcome
 
@@ -261,6 +262,18 @@ def test_a_device_that_was_lost_while_disarmed_is_the_fault_of_the_end(ready):
     ready.ask("reset")
     assert ready.ticks(200) is State.DISARMED
     assert ended()["fault"]["code"] == 0
+
+
+def test_lost_samples_are_stated_with_the_bound_in_force(ready):
+    ready.slave.record.tick.stop_missing = 50
+    assert ready.ask("arm")["ok"]
+    ready.until(State.ARMED)
+    ready.slave.safety.stop(SAMPLES_LOST)
+    outcome = partial(slave_outcome, ready.slave, ready.trial.slave_endpoint)
+    fault = outcome()["safety"]["fault"]
+    assert fault["cause"] == "no usable sample of position and force for 50 ms"
+    assert "simulated" not in fault["next_step"]
+    assert outcome(if_lost="a core")["safety"]["fault"]["next_step"] == "a core"
 
 
 def test_a_config_is_reloaded_only_at_rest_and_an_invalid_one_changes_nothing(ready, monkeypatch):
