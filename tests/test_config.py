@@ -91,6 +91,32 @@ def test_a_rig_of_an_override_is_found_from_where_one_is(tmp_path, monkeypatch):
     assert "relative to the trial file, or to the folder where you are" in found
 
 
+def test_a_recording_of_an_override_is_found_from_where_one_is(tmp_path, monkeypatch):
+    trial = write(tmp_path)
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "hand.csv").write_text("t_s,x\n")
+    monkeypatch.chdir(here)
+    by_section = "operator={kind: recorded, file: hand.csv, position_column: x}"
+    assert load_trial(trial, AXES, PLANTS, [by_section]).operator.file == str(here / "hand.csv")
+    by_key = ["operator={kind: recorded, position_column: x}", "operator.file=hand.csv"]
+    assert load_trial(trial, AXES, PLANTS, by_key).operator.file == str(here / "hand.csv")
+    (tmp_path / "hand.csv").write_text("t_s,x\n")
+    (found,) = problems_of(tmp_path, overrides=[by_section])
+    assert "operator.file: both hand.csv and here/hand.csv: give the whole path of one" in found
+
+
+def test_a_scale_below_0_is_refused_with_the_sign_to_write():
+    below = "rig.axis.position.scale_m_per_unit=-0.5e-6"
+    with pytest.raises(ConfigError, match="for the other direction write sign: -1 beside 5e-07"):
+        load_trial_file(SILICONE, ["rig=simulated_serial", below])
+
+
+def test_a_kind_of_an_override_is_reported_as_the_override(tmp_path):
+    (found,) = problems_of(tmp_path, overrides=["operator.kind=dog"])
+    assert found.startswith("--set operator.kind=dog: operator: kind: there is no 'dog'")
+
+
 def test_a_trial_is_loaded_with_its_rig_and_driver_sections(tmp_path):
     trial = load_trial(write(tmp_path), AXES, PLANTS)
     assert trial.rig.limits.position_max == 0.05

@@ -58,6 +58,7 @@ def load_trial(
     for override in overrides:
         if not override.startswith(files):
             _override(document, override)
+    _place_operators_file(document, path)
     problems: list[ConfigProblem] = []
     _check_driver_sections(document, axis_schemas, plant_schemas, problems)
     trial = _validate(TrialConfig, document, (), _units(document), problems)
@@ -117,12 +118,7 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
     named = holder.get(key)
     if not isinstance(named, str):
         return
-    file = path.parent / named
-    if document.place(keys).startswith(OVERRIDE) and _is_file(here := Path.cwd() / named):
-        if _is_file(file) and not file.samefile(here):
-            message = f"{'.'.join(keys)}: both {file} and {here}: give the whole path of one"
-            raise ConfigError([ConfigProblem(document.place(keys), message)])
-        file = here
+    file = _file_named(document, path, keys, named)
     if key == "rig" and not _is_file(file) and named in example_names("rigs"):
         file = example("rigs", named)
     if not _is_file(file):
@@ -141,6 +137,28 @@ def _insert_file(document: Document, path: Path, keys: tuple[str, ...]) -> None:
         raise ConfigError([ConfigProblem(document.place(keys), message)])
     holder[key] = loaded.data
     document.places.update({(*keys, *inner): where for inner, where in loaded.places.items()})
+
+
+def _file_named(document: Document, path: Path, keys: tuple[str, ...], named: str) -> Path:
+    """Return the file that a key names: relative to the trial, or of an override from here, too."""
+    file = path.parent / named
+    if document.place(keys).startswith(OVERRIDE) and _is_file(here := Path.cwd() / named):
+        if _is_file(file) and not file.samefile(here):
+            message = f"{'.'.join(keys)}: both {file} and {here}: give the whole path of one"
+            raise ConfigError([ConfigProblem(document.place(keys), message)])
+        return here
+    return file
+
+
+def _place_operators_file(document: Document, path: Path) -> None:
+    """Give the operator's recording that an override names, from where one is, its whole path."""
+    operator, keys = document.data.get("operator"), ("operator", "file")
+    named = operator.get("file") if isinstance(operator, dict) else None
+    if not isinstance(operator, dict) or not isinstance(named, str) or "$" in named:
+        return
+    if document.place(keys).startswith(OVERRIDE):
+        file = _file_named(document, path, keys, named)
+        operator["file"] = str(file) if _is_file(file) else named
 
 
 def _is_file(path: Path) -> bool:

@@ -99,11 +99,22 @@ def problem_of(
     elif detail["type"] in {"model_type", "model_attributes_type"}:
         message = _no_section(schema, detail, units)
     else:
-        message = wrong_value(detail)
+        message = wrong_value(detail) + _inverted(schema, detail)
     kind = _kind_of_item(schema, detail["loc"])
     of_all = detail["type"] == "value_error"
+    if detail["type"] == "union_tag_invalid":  # the place of the key, not that of its section
+        location = (*location, detail["ctx"]["discriminator"].strip("'"))
     where = document.origin([location]) if of_all else document.place(location)
     return ConfigProblem(where, f"{name}{kind}: {message}")
+
+
+def _inverted(schema: type[Section], detail: ErrorDetails) -> str:
+    """Return how a direction is inverted where a scale below 0 was to do it, else nothing."""
+    loc, given = detail["loc"], detail["input"]
+    if loc[-1:] != ("scale",) or not isinstance(given, int | float) or not given < 0:
+        return ""
+    signed = any("sign" in section.model_fields for section in _section_at(schema, loc[:-1]))
+    return f": for the other direction write sign: -1 beside {-given:g}" if signed else ""
 
 
 def _no_section(schema: type[Section], detail: ErrorDetails, units: Units | None) -> str:
