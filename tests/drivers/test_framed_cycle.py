@@ -8,6 +8,8 @@ from rig_bench import MS, path, plant_config
 
 from teleop_rt.axis import AxisError, AxisFault
 from teleop_rt.signals import TRUTH, columns
+from teleop_rt_drivers.framed.counters import FramedCounters
+from teleop_rt_drivers.framed.first_frames import nothing_good
 
 COLUMN = columns(TRUTH)
 FRAMED = ("serial", "raw_can")
@@ -231,6 +233,22 @@ def test_the_devices_time_is_mapped_on_ours():
     assert abs(bench.sample.device_stamp_ns - bench.sample.stamp_ns) < 20_000
     clock = bench.axis._position._clock  # a sample has the mapped time, and not the drift
     assert clock.drift_ppm == pytest.approx(-40.0, abs=2.0)
+
+
+def test_frames_that_are_wrong_are_counted_in_words_with_their_likely_cause():
+    counted = FramedCounters()
+    assert nothing_good(["cell"], 500, counted) == (
+        "no good frame of cell within 500 ms, but not a byte; check power, wiring and the device's"
+        " own settings, and the device that the rig names"
+    )
+    counted["skipped_bytes"] = 40
+    assert "40 bytes in which no frame was found; check baud" in nothing_good(["cell"], 9, counted)
+    counted["bad_checksum"], counted["bad_end"] = 471, 2
+    said = nothing_good(["zorg", "zorg", "drive"], 500, counted)
+    assert "of zorg and drive within 500 ms, but 471 with a wrong checksum, 2 with other" in said
+    assert "check the checksum's kind and span" in said
+    counted["out_of_range"] = 500
+    assert "a force beyond 3 times limits.force_max" in nothing_good(["cell"], 9, counted)
 
 
 @pytest.mark.parametrize("kind", FRAMED)

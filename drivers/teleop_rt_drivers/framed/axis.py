@@ -13,6 +13,7 @@ from teleop_rt_drivers.framed.config import SerialDeviceConfig
 from teleop_rt_drivers.framed.counters import FramedCounters
 from teleop_rt_drivers.framed.drive import ForceDrive, FramedDrive
 from teleop_rt_drivers.framed.drive_config import ForceDriveConfig
+from teleop_rt_drivers.framed.first_frames import nothing_good
 from teleop_rt_drivers.framed.quiet import quiet_lines
 from teleop_rt_drivers.framed.signal import MeasuredSignal, Switch
 from teleop_rt_drivers.framed.stream import keep_arrivals
@@ -170,12 +171,8 @@ class FramedAxis:
                 port.wait(POLL_S)
             # A clock that stands still while we wait is a simulated one: nothing more will come.
             if self._now_ns() >= end_ns or self._now_ns() == before_ns:
-                counted = {reason: count for reason, count in self.counters.items() if count}
-                raise AxisError(
-                    f"no good frame of {' and '.join(silent)} within "
-                    f"{self._config.answer_timeout_ms} ms; counted: {counted or 'not a byte'}; "
-                    "check power, wiring, baud or bit rate, and the frame's description"
-                )
+                timeout_ms = self._config.answer_timeout_ms
+                raise AxisError(nothing_good(silent, timeout_ms, self.counters))
 
     def _drain_once(self) -> list[str]:
         """Take the frames that have come; return the devices that have not been heard."""
