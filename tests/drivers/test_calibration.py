@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -19,13 +19,19 @@ from teleop_rt.trial.lockstep_run import run_lockstep
 from teleop_rt_drivers import registry
 from teleop_rt_drivers.calibration import work
 from teleop_rt_drivers.calibration.device import DeviceFit
-from teleop_rt_drivers.calibration.force import force_keys, read_force
+from teleop_rt_drivers.calibration.force import (
+    ScaleInFile,
+    any_force,
+    force_keys,
+    read_force,
+    scale_in_file,
+)
 from teleop_rt_drivers.calibration.lag import LagFit
 from teleop_rt_drivers.calibration.rig_file import rewrite, with_values
 from teleop_rt_drivers.calibration.shown import WORDS, lines
 from teleop_rt_drivers.calibration.torque_lag import TorqueLag
 from teleop_rt_drivers.calibration.weights import CalibrationError, ForceFit, Weighing, fit_weights
-from teleop_rt_drivers.calibration.work import masses_of
+from teleop_rt_drivers.calibration.work import calibrate_force, masses_of
 
 CELL = RIGS / "simulated_load_cell.yaml"
 G = 9.80665
@@ -62,6 +68,32 @@ def test_weights_find_scale_and_offset_of_a_cell_that_was_set_up_wrong(tmp_path)
     assert "# as `teleop-rt calibrate force` found it with weights" in file.read_text()
     again = fit_weights([reading_of(right, G * mass) for mass in (0.0, 2.0)])
     assert again.factor == pytest.approx(1.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("scale", ["1", "1.0"])
+def test_weights_scale_the_numbers_of_a_converter_that_nothing_has_scaled_yet(tmp_path, scale):
+    file = tmp_path / "rig.yaml"
+    text = CELL.read_text().replace("scale_N_per_unit: 2.0e-4", f"scale_N_per_unit: {scale}")
+    file.write_text(text)
+    rig = load_rig(file, registry.AXIS_SCHEMAS)
+    found = ScaleInFile(("axis", "parts", "sensor", "force"), "unit", 1.0, 0.0, framed=False)
+    assert scale_in_file(rig) == found, "the largest torque of a CANopen drive is written"
+    assert not found.raw
+    assert replace(found, framed=True).raw
+    readings = [steady(0.0, 8e6, 80.0), steady(5.0, 8e6 + 25e3, 80.0)]
+    fit = fit_weights(readings, raw=True)
+    assert fit.factor == pytest.approx(2e-4, rel=1e-2)
+    assert any_force(rig).limits.force_max > 1e18
+
+
+def test_a_rig_without_a_scale_in_its_file_is_refused_before_a_weight_is_asked_for(tmp_path):
+    file = tmp_path / "rig.yaml"
+    file.write_text((RIGS / "measured_spring.yaml").read_text())
+    lever = 1.0 if "force: Nm" in file.read_text() else None
+    with pytest.raises(CalibrationError, match="no force sensor whose scale is in its file"):
+        calibrate_force(
+            file, "0,1", 1.0, lever, pytest.fail, pull=False, write=False, as_json=False
+        )
 
 
 def steady(force, reads, noise=0.01, rise=0.0, n=200):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.signal_config import ForceSignal
 
     Wait = Callable[[], None]
+
+LARGEST_COUNT = 2.0**63
+"""Of a sensor's own numbers."""
 
 
 def read_force(
@@ -48,9 +52,27 @@ def read_force(
     return Weighing(force, np.array(taken), seconds)
 
 
-def force_keys(rig: RigConfig, fit: ForceFit) -> dict[KeyPath, float]:
-    """Return scale, offset and noise of the rig's file by a fit. Raises CalibrationError."""
-    unit = rig.units.force
+@dataclass(frozen=True, slots=True)
+class ScaleInFile:
+    """A force sensor's scale in a rig's file: section, unit of the raw value, and values.
+
+    `framed` says that all parts of the rig's axis are framed devices.
+    """
+
+    section: KeyPath
+    per: str
+    scale: float
+    offset: float
+    framed: bool
+
+    @property
+    def raw(self) -> bool:
+        """Whether the rig takes the sensor's own numbers, which no weights have scaled yet."""
+        return self.framed and self.scale == 1.0 and self.offset == 0.0
+
+
+def scale_in_file(rig: RigConfig) -> ScaleInFile:
+    """Return the scale of the rig's force sensor. Raises CalibrationError if its file has none."""
     for name, part in parts_of(rig.axis).items():
         section = ("axis", "parts", name, "force") if name else ("axis", "force")
         force: ForceReading | ForceSignal | None = None
@@ -63,12 +85,28 @@ def force_keys(rig: RigConfig, fit: ForceFit) -> dict[KeyPath, float]:
         if force is None:
             continue
         scale = 1.0 if force.scale is None else force.scale
-        return {
-            (*section, f"scale_{unit}_per_{per}"): fit.factor * scale,
-            (*section, f"offset_{unit}"): fit.offset + fit.factor * force.offset,
-            ("sensors", f"force_noise_{unit}"): fit.noise,
-        }
+        framed = all(isinstance(one, FramedPart) for one in parts_of(rig.axis).values())
+        return ScaleInFile(section, per, scale, force.offset, framed)
     raise CalibrationError(
-        "the rig has no force sensor whose scale is in its file"
-        ": put one into axis, or correct the scale where the sensor has it"
+        "the rig has no force sensor whose scale is in its file, as one of another package's"
+        " driver: put one into axis, or correct the scale where the sensor has it"
     )
+
+
+def force_keys(rig: RigConfig, fit: ForceFit) -> dict[KeyPath, float]:
+    """Return scale, offset and noise of the rig's file by a fit. Raises CalibrationError."""
+    unit, found = rig.units.force, scale_in_file(rig)
+    return {
+        (*found.section, f"scale_{unit}_per_{found.per}"): fit.factor * found.scale,
+        (*found.section, f"offset_{unit}"): fit.offset + fit.factor * found.offset,
+        ("sensors", f"force_noise_{unit}"): fit.noise,
+    }
+
+
+def any_force(rig: RigConfig) -> RigConfig:
+    """Return the rig with a limit of force that a sensor's own numbers do not reach.
+
+    For an axis that is read, and never armed: counts would be rejected as impossible forces.
+    """
+    limits = rig.limits.model_copy(update={"force_max": LARGEST_COUNT})
+    return rig.model_copy(update={"limits": limits})

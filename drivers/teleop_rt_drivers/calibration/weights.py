@@ -73,8 +73,11 @@ UNSEEN_SHARE = 0.5
 """Of a reading's noise: a smaller change by all weights together may be noise."""
 
 
-def fit_weights(readings: list[Weighing]) -> ForceFit:
-    """Return the line through readings of two or more forces. Raises CalibrationError."""
+def fit_weights(readings: list[Weighing], *, raw: bool = False) -> ForceFit:
+    """Return the line through readings of two or more forces. Raises CalibrationError.
+
+    Of `raw` readings, in the sensor's own numbers, no scale is too far off.
+    """
     forces = np.array([reading.force for reading in readings])
     if len(set(forces.tolist())) < 2:
         raise CalibrationError("weights: two different ones are needed; one may be 0")
@@ -95,15 +98,16 @@ def fit_weights(readings: list[Weighing]) -> ForceFit:
             "the force falls as the weight grows: invert `sign` of the force, or give the "
             "weights as pulling (--pull)"
         )
+    if not raw and not 1.0 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
+        raise CalibrationError(
+            f"the scale would change by {factor:.3g}: check the field, its unit and the weights,"
+            " or begin from the sensor's own numbers, with a scale of 1 and an offset of 0"
+        )
     return _judged(readings, float(factor), float(offset), float(np.ptp(forces)))
 
 
 def _judged(readings: list[Weighing], factor: float, offset: float, span: float) -> ForceFit:
     """Return the fit, unless the readings are no line, noisy or moving. Raises CalibrationError."""
-    if not 1.0 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
-        raise CalibrationError(
-            f"the scale would change by {factor:.3g}: check the field, its unit and the weights"
-        )
     lines = [reading.line() for reading in readings]
     fit = ForceFit(
         factor=factor,

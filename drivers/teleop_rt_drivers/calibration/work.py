@@ -16,7 +16,7 @@ from teleop_rt.trial.folder import RECORDING, TRIAL
 from teleop_rt_drivers.calibration.device import device_keys, fit_device
 from teleop_rt_drivers.calibration.device_motion import TOO_FAR, swing
 from teleop_rt_drivers.calibration.drivetrain import drivetrain_keys, drivetrain_of, torque_lag_keys
-from teleop_rt_drivers.calibration.force import force_keys, read_force
+from teleop_rt_drivers.calibration.force import any_force, force_keys, read_force, scale_in_file
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, as_written, rewrite
 from teleop_rt_drivers.calibration.shown import OF_DEVICE, lines
@@ -51,8 +51,9 @@ def calibrate_force(
         raise CalibrationError(
             "--lever-m is for rotary rigs: give it for one, and leave it out for a linear one"
         )
+    raw = scale_in_file(rig).raw  # before a weight is asked for
     per_kg = STANDARD_GRAVITY * (lever_m or 1.0) * (-1.0 if pull else 1.0)
-    axis, clock, hang = with_weights(file, rig, simulated, ask)
+    axis, clock, hang = with_weights(file, any_force(rig) if raw else rig, simulated, ask)
     readings = []
     try:
         axis.configure()
@@ -63,7 +64,7 @@ def calibrate_force(
                 readings.append(read_force(axis, pace.wait, clock.now_ns, force, seconds))
     finally:
         axis.close()
-    fit = fit_weights(readings)
+    fit = fit_weights(readings, raw=raw)
     results = {**asdict(fit), "linearity": fit.linearity, "unit": rig.units.force}
     shown = lines(results, rig.units)
     finish(file, force_keys(rig, fit), results, shown, write=write, as_json=as_json)
