@@ -22,7 +22,7 @@ from teleop_rt.cli.options import ClockName
 from teleop_rt.cli.reporting import felt_of
 from teleop_rt.cli.showing import live_page_beside
 from teleop_rt.cli.side_mains import run_side
-from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench
+from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench, require_files
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import FAULT
@@ -73,6 +73,7 @@ def run_and_print(
 ) -> None:
     """Run a trial, with a live page where it has a port, and print its summary."""
     trial = _load(trial_file, changes, clock)
+    require_files(trial, trial_file)
     compile_first(trial, quiet=as_json)
     with Interrupts() as interrupts:
         try:
@@ -212,6 +213,7 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
 def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Mapping[str, Any]:
     """Run a trial of its own into a folder; return its summary, or leave on a fault or Ctrl-C."""
     trial = _load(trial_file, changes, ClockName(clock))
+    require_files(trial, trial_file)
     with Interrupts() as interrupts:
         try:
             _, summary, failure = _run(trial, trial_file, ClockName(clock), folder, interrupts)

@@ -12,13 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config.loader import load_trial
+from teleop_rt.config.operator import RecordedOperator
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.transport import LinkError
+from teleop_rt.master.recorded import locate
 from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOPIC
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
 from teleop_rt_drivers import opening, operator_device, registry
+from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.hand_plant import HandPlant
@@ -41,6 +44,14 @@ def load_trial_for_run(trial_file: Path, changes: list[str]) -> TrialConfig:
     trial = load_trial_file(trial_file, changes)
     own = [] if trial.plant is None else registry.own_run(trial.rig)
     return load_trial_file(trial_file, [*changes, *_free_ports(trial), *own])
+
+
+def require_files(trial: TrialConfig, trial_file: Path) -> None:
+    """Raise AxisError or OperatorError where a recording that the trial plays is not there."""
+    if isinstance(trial.rig.axis, RecordingAxisConfig):
+        recording_path(trial.rig.axis.file)
+    if isinstance(trial.operator, RecordedOperator):
+        locate(trial.operator.file, trial_file.parent)
 
 
 def _free_ports(trial: TrialConfig) -> list[str]:

@@ -29,7 +29,7 @@ class Recorded:
     """
 
     def __init__(self, config: RecordedOperator, folder: Path) -> None:
-        path = _locate(config.file, folder)
+        path = locate(config.file, folder)
         t_s, column = _read(path, config.time_column, config.position_column)
         if len(t_s) < _WINDOW or not np.all(np.diff(t_s) > 0):
             raise OperatorError(
@@ -55,23 +55,25 @@ class Recorded:
         return position, float(np.interp(t_s, self._t_s, self._velocity))
 
 
-def _locate(file: str, folder: Path) -> Path:
+def locate(file: str, folder: Path) -> Path:
+    """Return the path of an operator's recording. Raises OperatorError if it is not there."""
     expanded = os.path.expandvars(file)
     if "$" in expanded:
         raise OperatorError(
             f"operator.file: {file} names an environment variable that is not set: "
             "set TELEOP_RT_DATA to the folder of the measured data"
         )
-    return folder / expanded
-
-
-def _read(path: Path, *names: str) -> list[np.ndarray]:
-    """Return the named columns of a CSV file with a header line."""
+    path = folder / expanded
     if not path.is_file():
         raise OperatorError(
             f"{path}: cannot read the recording: no such file"
             "; check operator.file and the folder that it names"
         )
+    return path
+
+
+def _read(path: Path, *names: str) -> list[np.ndarray]:
+    """Return the named columns of a CSV file with a header line."""
     try:
         with path.open(newline="") as file:
             header = next(csv.reader(file), [])

@@ -184,6 +184,12 @@ def test_the_service_reaches_this_machine_and_the_peers_that_were_named(root):
     assert "IPAddressDeny=any" in unit.read_text().splitlines()
 
 
+def test_help_is_the_usage_and_no_error(tmp_path):
+    done = install(tmp_path, "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "scripts/install_service [--root DIR]" in done.stdout
+
+
 def test_an_unknown_option_is_refused_with_the_usage(tmp_path):
     done = install(tmp_path, "--wrong")
     assert done.returncode == 2
