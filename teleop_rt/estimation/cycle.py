@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from teleop_rt.estimation.bank_kernels import bank_step
 from teleop_rt.estimation.contact_edges import end_excursion
 from teleop_rt.estimation.grid import Whole as Places
 from teleop_rt.estimation.grid import gap_at
+from teleop_rt.estimation.pair_kernels import PAIR, Paired, take_sample
 from teleop_rt.estimation.physical import NONE, deviation_known, surely_positive
 from teleop_rt.estimation.row_equations import (
     fill_algebraic,
@@ -270,24 +272,34 @@ def run_ticks(
     theta: NDArray[np.float64],
     status: Codes,
     grid: Places,
+    paired: Paired,
     decimate: int,
     sensed: bool,
     whole: layout.Whole,
     position: float,
     force: float,
-    valid: bool,
     stamp_ns: int,
-) -> None:
+    valid: bool,
+) -> int:
     """Run one tick with `position`, `force`, `valid`; or where a recording is given, all of its.
 
     One kernel serves both, for its compilation takes ten seconds. Of a tick that `sense_tick` has
     `sensed`, it does the second half. Where there is a grid, the words of a `SampleGrid`, the
-    sample of one tick ends the gap before its stamp.
+    sample of one tick ends the gap before its stamp. Where there is a pairing, its cycle's sample,
+    if it is `valid` here, too, takes the place of position and force; return as `take_sample` does,
+    without a pair before anything is run.
     positions, forces, valids (samples,), empty for one tick; every `decimate`-th state is kept in
     signals (kept, 8): in contact, contact id, surface (NaN while unknown), penetration and
     velocity, selected row, its predicted force, force, all through one filter; theta (kept, rows,
     the most parameters of a row) scaled; status (kept, rows).
     """
+    if len(paired.pairs) > 0:
+        found = take_sample(paired, valid)
+        if found != PAIR:
+            return found
+        pair: Any = paired.pairs[0]
+        position, force = pair.position, pair.force
+        skip(one[0], pair.gap)
     recorded = len(positions)
     for i in range(max(recorded, 1)):  # the code of a tick stands here once: it is large
         if recorded > 0:
@@ -299,3 +311,4 @@ def run_ticks(
         if recorded > 0 and (i + 1) % decimate == 0:
             k = (i + 1) // decimate - 1
             write_trace_row(one, signals[k], theta[k], status[k])
+    return PAIR

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.axis import SAMPLE_TYPE, StoredSample
 from teleop_rt.kernels.jit import kernel
 from teleop_rt.kernels.record import record_type
-
-if TYPE_CHECKING:
-    from teleop_rt.axis import StoredSample
 
 Vector = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -58,6 +56,24 @@ NOTHING, PAIR, TO_AVERAGE = range(3)
 def place(field: str) -> int:
     """Return where a field is among the words of a pairing."""
     return _NAMES.index(field)
+
+
+class Paired(NamedTuple):
+    """Arrays of a pairing for kernels: the cycle's sample (1,), its record (1,), its rings."""
+
+    samples: StoredSample
+    pairs: StoredPairs
+    stamps: Counts
+    positions: Vector
+    times: Counts
+    forces: Vector
+
+
+NO_PAIRS = Paired(
+    np.zeros(0, SAMPLE_TYPE), np.zeros(0, PAIRS_TYPE), np.zeros(0, np.int64), np.zeros(0),
+    np.zeros(0, np.int64), np.zeros(0),
+)  # fmt: skip
+"""In place of a pairing: none of it is looked at."""
 
 
 @kernel
@@ -209,20 +225,12 @@ def take_values(
 
 
 @kernel
-def take_sample(
-    samples: StoredSample,
-    stored: StoredPairs,
-    stamps: Counts,
-    positions: Vector,
-    times: Counts,
-    forces: Vector,
-    ready: bool,
-) -> int:
+def take_sample(paired: Paired, ready: bool) -> int:
     """Take a cycle's sample as `take_values` does, valid only where it is ready, too."""
-    sample: Any = samples[0]
+    sample: Any = paired.samples[0]
     if not ready or sample.valid == 0:
         return NOTHING
     return take_values(
-        stored, stamps, positions, times, forces, sample.position, sample.position_stamp_ns,
-        sample.force, sample.force_stamp_ns,
+        paired.pairs, paired.stamps, paired.positions, paired.times, paired.forces,
+        sample.position, sample.position_stamp_ns, sample.force, sample.force_stamp_ns,
     )  # fmt: skip

@@ -9,7 +9,6 @@ a force that swings is found smaller than it is, and stiffness with it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -21,12 +20,12 @@ from teleop_rt.estimation.pair_kernels import (
     PAIR,
     PAIRS_TYPE,
     TO_AVERAGE,
+    Paired,
     Pairs,
     StoredPairs,
     Vector,
     count_lost,
     place,
-    take_sample,
     take_values,
 )
 from teleop_rt.kernels.jit import bound
@@ -105,9 +104,9 @@ class Pairing:
         found = self._take(position, position_ns, force, force_ns)
         return found == PAIR or (found == TO_AVERAGE and self.average())
 
-    def taker(self, stored: StoredSample) -> Callable[[bool], int]:
-        """Return a kernel that takes a cycle's sample and returns NOTHING, PAIR or TO_AVERAGE."""
-        return bound(take_sample, (stored, *self._arrays), True)  # noqa: FBT003
+    def of(self, stored: StoredSample) -> Paired:
+        """Return the arrays with which a kernel pairs a cycle's sample."""
+        return Paired(stored, *self._arrays)
 
     def average(self) -> bool:
         """Average the positions about the time TO_AVERAGE; false where it began before all kept."""
@@ -125,9 +124,10 @@ class Pairing:
         count_lost(pairs, wanted_ns)
         return True
 
-    def newest(self) -> tuple[float, float, int]:
-        """Return position and force of the newest pair, and how many were lost before it."""
-        return self._floats[_POSITION], self._floats[_FORCE], self._counts[_GAP]
+    @property
+    def averages(self) -> bool:
+        """Whether positions are averaged, by `average`."""
+        return self._filter is not None
 
     @property
     def position(self) -> float:

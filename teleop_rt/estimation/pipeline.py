@@ -20,6 +20,7 @@ from teleop_rt.estimation.cycle import run_ticks, sense_tick, skip, write_trace_
 from teleop_rt.estimation.estimates import Places, StoredPlaces, new_places, write_estimate
 from teleop_rt.estimation.grid import SampleGrid
 from teleop_rt.estimation.layout import STATUS_NAMES
+from teleop_rt.estimation.pair_kernels import NO_PAIRS, Paired
 from teleop_rt.estimation.parameters import (
     Conversion,
     physical_over_time,
@@ -113,7 +114,7 @@ class Pipeline:
         if self._surface_motion is not None and valid:
             position += self._follow_surface(self._surface_motion, position, force)
         if self._terms is None:
-            self._tick(position, force, valid, 0)
+            self._tick(position, force, 0, valid)
         elif sense_tick(self._one, position, force, valid):
             one, m, q = self.settings, self._state.motion, self._state.q
             self._forget_the_approach()
@@ -125,25 +126,41 @@ class Pipeline:
                 q[index.TIME],
                 q[index.ELAPSED],
             )
-            self._tick_sensed(position, force, valid, 0)
+            self._tick_sensed(position, force, 0, valid)
 
     def at_once(
         self, period_ns: int | None = None
-    ) -> Callable[[float, float, bool, int], object] | None:
-        """Return a function that takes a tick's sample and stamp as `update` does, by one kernel.
+    ) -> Callable[[float, float, int, bool], object] | None:
+        """Return a function that takes a tick's sample, stamp and validity as `update` does.
 
-        With a period it ends gaps as a `SampleGrid` finds them. None where Python has a part.
+        It is one kernel. With a period it ends gaps as a `SampleGrid` finds them. None where Python
+        has a part.
         """
-        if self._terms is not None or self._corrections is not None or self._surface_motion:
-            return None
         grid = _NO_GRID if period_ns is None else SampleGrid(period_ns).words
-        return self._one_tick(grid, sensed=False)
+        return self._one_tick(grid, sensed=False) if self._by_kernels else None
 
-    def _one_tick(self, grid: NDArray[np.int64], *, sensed: bool) -> Callable[..., object]:
+    def pairs_at_once(self, paired: Paired) -> Callable[[bool], int] | None:
+        """Return a kernel that pairs a cycle's sample, if it is ready, and takes the pair.
+
+        It returns as `run_ticks` does. None where Python has a part.
+        """
+        if not self._by_kernels:
+            return None
+        return partial(self._one_tick(_NO_GRID, paired, sensed=False), 0.0, 0.0, 0)
+
+    @property
+    def _by_kernels(self) -> bool:
+        """Whether Python has no part in a tick."""
+        python = self._terms, self._corrections, self._surface_motion
+        return all(part is None for part in python)
+
+    def _one_tick(
+        self, grid: NDArray[np.int64], paired: Paired = NO_PAIRS, *, sensed: bool
+    ) -> Callable[..., int]:
         """Return the kernel of a recording, bound to none: it runs one tick."""
-        arrays = self._one, *_NO_SAMPLES, *_NO_TRACE, grid
+        arrays = self._one, *_NO_SAMPLES, *_NO_TRACE, grid, paired
         how = 1, sensed, self._whole
-        return partial(bound(run_ticks, arrays, *how, 0.0, 0.0, True, 0), *how)  # noqa: FBT003
+        return partial(bound(run_ticks, arrays, *how, 0.0, 0.0, 0, True), *how)  # noqa: FBT003
 
     @cached_property
     def _tick(self) -> Callable[..., object]:
@@ -228,7 +245,8 @@ class Pipeline:
         plain = self._terms is None and self._corrections is None
         if plain and self._surface_motion is None:
             how = decimate, False, self._whole
-            run_ticks(self._one, *samples, *kept, _NO_GRID, *how, 0.0, 0.0, True, 0)  # noqa: FBT003
+            arrays = self._one, *samples, *kept, _NO_GRID, NO_PAIRS
+            run_ticks(*arrays, *how, 0.0, 0.0, 0, True)  # noqa: FBT003
             return
         for i, (position, force, ok) in enumerate(zip(*samples, strict=True)):
             self.update(position, force, bool(ok))

@@ -19,6 +19,7 @@ import numba
 from teleop_rt.estimation import cycle
 from teleop_rt.estimation import state as index
 from teleop_rt.estimation.layout import Whole
+from teleop_rt.estimation.pair_kernels import NO_PAIRS
 from teleop_rt.interrupts import INTERRUPTED, INTERRUPTS
 from teleop_rt.kernels.jit import kernel_folder, load_compiler
 
@@ -28,7 +29,8 @@ _FORK = multiprocessing.get_context("fork")  # loaded modules are not loaded aga
 _VECTOR, _MATRIX = numba.float64[::1], numba.float64[:, ::1]
 _SAMPLES = (_VECTOR, _VECTOR, numba.boolean[::1])
 _GRID = numba.int64[::1]
-_SAMPLE = (numba.float64, numba.float64, numba.boolean, numba.int64)
+_PAIRED = _type_of(NO_PAIRS)
+_SAMPLE = (numba.float64, numba.float64, numba.int64, numba.boolean)
 _TRACE = (_MATRIX, numba.float64[:, :, ::1], numba.uint8[:, ::1])
 
 
@@ -65,7 +67,7 @@ def compile_ticks(
 def types_of_ticks(whole: Whole) -> tuple[Any, ...]:
     """Return the types of arguments for which the kernel of a tick is compiled."""
     how = (numba.int64, numba.boolean, _type_of(whole))
-    return (_STATE, *_SAMPLES, *_TRACE, _GRID, *how, *_SAMPLE)
+    return (_STATE, *_SAMPLES, *_TRACE, _GRID, _PAIRED, *how, *_SAMPLE)
 
 
 @contextmanager

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from teleop_rt.axis import Sample, sample_place
+from teleop_rt.estimation import pair_kernels
 from teleop_rt.estimation.grid import SampleGrid, gap_at
 from teleop_rt.estimation.pair_kernels import NOTHING, TO_AVERAGE
 from teleop_rt.estimation.pairing import Pairing
 from teleop_rt.estimation.pipeline import Pipeline
+from teleop_rt.kernels.jit import bound
 
 Feed = Callable[[bool], object]
 """Takes a tick's sample, valid only where that is true, too."""
@@ -27,13 +29,13 @@ def feed_of(pipeline: Pipeline, period_ns: int, sample: Sample) -> Feed:
     return _feed_pairs(pipeline, pairing, sample)
 
 
-def _feed_at_once(take: Callable[[float, float, bool, int], object], sample: Sample) -> Feed:
+def _feed_at_once(take: Callable[[float, float, int, bool], object], sample: Sample) -> Feed:
     """Return the way of sensors that give a sample each tick, where one kernel takes it."""
     floats, counts = sample.floats, sample.counts  # without a call for each number
 
     def feed(ready: bool) -> None:
         valid = ready and counts[_VALID] > 0
-        take(floats[_POSITION], floats[_FORCE], valid, counts[_STAMP])
+        take(floats[_POSITION], floats[_FORCE], counts[_STAMP], valid)
 
     return feed
 
@@ -52,19 +54,22 @@ def _feed_ticks(pipeline: Pipeline, grid: SampleGrid, sample: Sample) -> Feed:
 
 def _feed_pairs(pipeline: Pipeline, pairing: Pairing, sample: Sample) -> Feed:
     """Return the way of a slow sensor: each new force comes once, with its own position."""
-    take_sample, newest, update = pairing.taker(sample.stored), pairing.newest, pipeline.update
-    take = pipeline.at_once()
+    paired = pairing.of(sample.stored)
+    at_once = None if pairing.averages else pipeline.pairs_at_once(paired)
+    if at_once is not None:
+        return at_once
+    take_sample = bound(pair_kernels.take_sample, (paired,), True)  # noqa: FBT003
+    take, update = pipeline.at_once(), pipeline.update
 
     def feed(ready: bool) -> None:
         found = take_sample(ready)
         if found == NOTHING or (found == TO_AVERAGE and not pairing.average()):
             return
-        position, force, gap = newest()
-        if gap > 0:
+        if (gap := pairing.gap) > 0:
             pipeline.skip(gap)
         if take is not None:
-            take(position, force, True, 0)  # noqa: FBT003 - a kernel's arguments have no names
+            take(pairing.position, pairing.force, 0, True)  # noqa: FBT003 - a kernel's, without names
         else:
-            update(position, force, valid=True)
+            update(pairing.position, pairing.force, valid=True)
 
     return feed

@@ -84,7 +84,7 @@ def test_on_line_and_replayed_a_recording_with_gaps_gives_the_same_numbers():
                         for _ in range(2))  # fmt: skip
     take = online.at_once(PERIOD_NS)
     for x, f, ok, stamp in zip(position, force, valid, stamps, strict=True):
-        take(x, f, bool(ok), int(stamp))
+        take(x, f, int(stamp), bool(ok))
     replayed.run(*filled(position, force, valid, stamps))
     assert np.array_equal(online.theta, replayed.theta)
     assert online.contact == replayed.contact

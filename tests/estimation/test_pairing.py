@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_rt.axis import Sample
-from teleop_rt.estimation.pair_kernels import PAIR
+from teleop_rt.estimation.pair_kernels import PAIR, take_sample
 from teleop_rt.estimation.pairing import EvenPairing, Pairing, pairs_of
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.recorded import estimated_samples
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt.kernels.jit import bound
 
 MS = 1_000_000
 LOOP_NS, PAIR_NS = 2 * MS, 12_500_000
@@ -60,7 +61,7 @@ def test_each_force_meets_the_position_of_its_own_time_once(lag_ms, jitter):
 def test_a_cycle_s_sample_is_taken_as_its_values_are_and_only_where_it_is_ready_and_valid(kind):
     by_values, by_sample = kind(LOOP_NS, PAIR_NS, 0.004), kind(LOOP_NS, PAIR_NS, 0.004)
     sample = Sample()
-    take, met = by_sample.taker(sample.stored), []
+    take, met = bound(take_sample, (by_sample.of(sample.stored),), True), []  # noqa: FBT003
     for cycle in range(600):
         now_ns = 10**9 + cycle * LOOP_NS
         sample.position, sample.position_stamp_ns = curved_at(now_ns), now_ns
@@ -69,9 +70,40 @@ def test_a_cycle_s_sample_is_taken_as_its_values_are_and_only_where_it_is_ready_
         values = sample.position, now_ns, sample.force, sample.force_stamp_ns
         wanted = ready and sample.valid and by_values.take(*values)
         assert (take(ready) == PAIR) == wanted
-        assert by_sample.newest() == by_values.newest()
+        for name in ("position", "force", "gap", "stamp_ns"):
+            assert getattr(by_sample, name) == getattr(by_values, name)
         met.append(wanted)
     assert 50 < sum(met) < 100
+
+
+@pytest.mark.parametrize("kind", [Pairing, EvenPairing])
+def test_a_pair_is_estimated_from_in_the_step_that_found_it_as_in_steps_of_their_own(kind):
+    settings = PipelineSettings(
+        period_s=1e-9 * PAIR_NS, position_resolution=5e-6, force_noise=0.05, onset_force=0.4,
+        release_force=0.2, cutoff_hz=10.0,
+    )  # fmt: skip
+    at_once, in_steps = (Pipeline(rows_for(["kelvin-voigt"], ["direct"], ["rls"]), settings)
+                         for _ in range(2))  # fmt: skip
+    by_sample, by_values = kind(LOOP_NS, PAIR_NS, 0.004), kind(LOOP_NS, PAIR_NS, 0.004)
+    sample, gaps = Sample(valid=True), 0
+    take = at_once.pairs_at_once(by_sample.of(sample.stored))
+    for cycle in range(6000):
+        now_ns = 10**9 + cycle * LOOP_NS
+        force_ns = now_ns - now_ns % PAIR_NS
+        depth = max(0.0, curved_at(force_ns - 4 * MS) - 0.006)
+        sample.position, sample.position_stamp_ns = curved_at(now_ns), now_ns
+        sample.force, sample.force_stamp_ns = 3600.0 * depth, force_ns
+        if ready := cycle % 500 > 20:
+            values = sample.position, now_ns, sample.force, force_ns
+            if by_values.take(*values):
+                in_steps.skip(by_values.gap)
+                in_steps.update(by_values.position, by_values.force, valid=True)
+                gaps += by_values.gap
+        take(ready)
+        assert np.array_equal(at_once.theta, in_steps.theta)
+    assert gaps > 10
+    assert at_once.onsets == in_steps.onsets > 1
+    assert at_once.theta.any()
 
 
 def test_a_force_that_leads_waits_for_its_position():
