@@ -234,7 +234,8 @@ def parameter(name: str, content: Any) -> str:
     std = content["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
-    note = " (not identified)" if content.get("identified") is False else ""
+    said = "not identified" if content.get("identified") is False else content.get("note")
+    note = f" ({said})" if said else ""
     return f"{name} = {_as_sure(content['value'], std):.5g}{spread}{unit}{note}"
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from teleop_rt.contact.effects import find
+from teleop_rt.contact.effects import LIBRARY, find
+from teleop_rt.diagnosis.answers.answer import parameters_of_effect
 from teleop_rt.diagnosis.answers.errors import HeldOut
 from teleop_rt.diagnosis.answers.notes import notes_of
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -20,6 +21,7 @@ from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.diagnosis.samples.turned_sign import turned_sign
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.recording import Recording, from_arrays
+from teleop_rt.view.style import parameter
 from teleop_rt_dev.diagnosis.plants import make
 
 
@@ -174,3 +176,17 @@ def test_errors_of_another_set_than_the_named_one_are_reported_as_such() -> None
     assert said(["force_bias"]) == []
     (note,) = said(["gravity_torque", "adhesion"])
     assert note.endswith("gravity_torque + adhesion")
+
+
+def test_a_value_at_its_bound_is_said_to_lie_there() -> None:
+    recording = pressed()
+    problem = problem_of(recording, base_of("kelvin-voigt"), 5e-3)
+    soft = next(e for e in LIBRARY if e.name == "force_saturation" and e.law == "soft")
+    level = 1.1 * problem.motion.scales["force"]
+    fit = problem.solve(
+        CandidateModel(base_of("kelvin-voigt"), (soft,)), np.array([level, soft.shapes[1].lower])
+    )
+    spread = np.eye(len(fit.theta) + len(fit.zeta))
+    found = parameters_of_effect(problem, fit, 0, spread, recording.units)
+    assert {name for name, one in found.items() if "note" in one} == {"sharpness"}
+    assert parameter("sharpness", found["sharpness"]).endswith(" (at its bound)")

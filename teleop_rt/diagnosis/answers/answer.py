@@ -11,6 +11,7 @@ from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.inference.one_more import fit_without, without
 from teleop_rt.diagnosis.inference.ranked import Ranked, explains, slack_of
 from teleop_rt.diagnosis.inference.verdict import Judgement
+from teleop_rt.diagnosis.models.axes import Axes
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import phases
 from teleop_rt.diagnosis.models.predict import force_of
@@ -18,6 +19,9 @@ from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 
 CANDIDATES_SHOWN = 15
 """Candidates in the answer; those behind the fifteenth were never close in any recording."""
+_AT_BOUND = (
+    1e-4  # of the range in which a parameter is searched: its printed digits are the bound's
+)
 
 
 def fill(unit: str, units: tuple[str, str]) -> str:
@@ -59,6 +63,17 @@ def entry(value: float, variance: float, unit: str) -> dict[str, Any]:
     return {"value": finite(value), "std": finite(deviation), "unit": unit}
 
 
+def _nonlinear(fit: Fit, place: int, problem: Problem, spread: Matrix, unit: str) -> dict[str, Any]:
+    """Return a nonlinear parameter with its standard deviation; one at its bound is marked.
+
+    `spread` is the covariance of (theta, zeta).
+    """
+    row = len(fit.model.linear) + place
+    one = entry(float(fit.zeta[place]), float(spread[row, row]), unit)
+    where = float(Axes.of(fit.model, problem.motion.scales).place(fit.zeta)[place])
+    return one if _AT_BOUND < where < 1.0 - _AT_BOUND else one | {"note": "at its bound"}
+
+
 def base_entry(fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]) -> dict[str, Any]:
     """Return the base as it was fitted; a parameter not significantly above zero is marked."""
     spread = covariance(problem, fit, floor)
@@ -71,13 +86,13 @@ def base_entry(fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]
         if linear.nonnegative and (deviation is None or fit.theta[i] < 2.0 * deviation):
             one["note"] = "not identified"
         found[linear.name] = one
-    place = len(fit.model.linear)
+    place = 0
     if fit.model.base.has_power:
-        found["n"] = entry(float(fit.zeta[0]), float(spread[place, place]), "1")
+        found["n"] = _nonlinear(fit, place, problem, spread, "1")
         place += 1
     if fit.model.base.finds_surface:
-        surface = problem.surface - fit.model.shift(fit.zeta)
-        found["surface"] = entry(surface, float(spread[place, place]), units[0])
+        surface = {"value": finite(problem.surface - fit.model.shift(fit.zeta))}
+        found["surface"] = _nonlinear(fit, place, problem, spread, units[0]) | surface
     return {
         "model": fit.model.base.name,
         "clamped": fit.model.clamp != "none",
@@ -88,10 +103,10 @@ def base_entry(fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]
 
 
 def parameters_of_effect(
-    fit: Fit, member: int, effect: Effect, spread: Matrix, units: tuple[str, str]
+    problem: Problem, fit: Fit, member: int, spread: Matrix, units: tuple[str, str]
 ) -> dict[str, Any]:
     """Return amplitude and shape parameters of one effect of the fit."""
-    found: dict[str, Any] = {}
+    found, effect = dict[str, Any](), fit.model.effects[member]
     linear = [i for i, item in enumerate(fit.model.linear) if item.owner == member]
     unit = fill(effect.amplitude.unit, units)
     if phases(effect):
@@ -108,12 +123,10 @@ def parameters_of_effect(
     elif linear:
         i = linear[0]
         found[effect.amplitude.name] = entry(float(fit.theta[i]), float(spread[i, i]), unit)
-    offset = len(fit.model.linear)
     for j, coordinate in enumerate(fit.model.coordinates):
         if coordinate.owner == member:
             shape = coordinate.shape
-            variance = float(spread[offset + j, offset + j])
-            found[shape.name] = entry(float(fit.zeta[j]), variance, fill(shape.unit, units))
+            found[shape.name] = _nonlinear(fit, j, problem, spread, fill(shape.unit, units))
     return found
 
 
@@ -163,7 +176,7 @@ def effects_of(
     found = [
         effect_entry(
             effect,
-            parameters_of_effect(best.fit, i, effect, spread, units),
+            parameters_of_effect(problem, best.fit, i, spread, units),
             whole * _share(problem, base, best.fit, i),
             _absorbed(problem, base, best.fit, i),
         )

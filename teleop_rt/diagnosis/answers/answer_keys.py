@@ -21,8 +21,9 @@ class FittedParameter(Keys):
     """Standard deviation of the estimate, in `unit`; null where the data do not determine it."""
     unit: str
     """Unit of value and std."""
-    note: NotRequired[Literal["not identified"]]
-    """Present where a parameter of the base is not above zero by two standard deviations."""
+    note: NotRequired[Literal["not identified", "at its bound"]]
+    """Present where a parameter of the base is not above zero by two standard deviations, and where
+    the value is a bound of the range in which it is searched: the true one may lie beyond it."""
 
 
 class FittedBase(Keys):

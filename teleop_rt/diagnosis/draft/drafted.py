@@ -43,7 +43,7 @@ class Drafted:
         effect = self.fit.model.effects[-1]
         member = len(self.fit.model.effects) - 1
         spread = covariance(self.found.problem, self.fit, self.found.input_errors)
-        parameters = parameters_of_effect(self.fit, member, effect, spread, self.units)
+        parameters = parameters_of_effect(self.found.problem, self.fit, member, spread, self.units)
         return effect_entry(effect, parameters, self._explains)
 
     @property
