@@ -151,8 +151,9 @@ def _on_recordings(
 
 
 def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
-    console.print(f"[bold]{escape(answer.get('trial') or answer['recording'])}[/bold]:"
-                  f" {answer['verdict'].replace('_', ' ')}")  # fmt: skip
+    withdrawn = bool(answer.get("withdrawn"))
+    verdict = answer["verdict"].replace("_", " ") + ", model withdrawn" * withdrawn
+    console.print(f"[bold]{escape(answer.get('trial') or answer['recording'])}[/bold]: {verdict}")
     if answer.get("reason"):
         console.print(f"  {answer['reason']}", highlight=False)
     print_effects(console, answer)
@@ -163,9 +164,9 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
         line = f"  the surface of the run was {size} too {where}: it is found again in each run"
         console.print(line, highlight=False)
     if (fresh := answer["fresh"]) is not None:
-        was = "was, until it was withdrawn," if answer.get("withdrawn") else "is"
+        of = "in the withdrawn model " if withdrawn else ""
         for one in fresh["handled"]:
-            console.print(f"  {one['name']} {was} {one['where']}: {one['how']}", highlight=False)
+            console.print(f"  {of}{one['name']} is {one['where']}: {one['how']}", highlight=False)
         for words, error in (
             ("slave, force predicted in free run", fresh["slave"]["free_run"]),
             ("slave, force predicted on-line", fresh["slave"]["on_line"]),

@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import Any
 
 WITHDRAWN = "withdrawn.yaml"
-_ON_LINE = "force predicted on-line"
+_FREE_RUN, _ON_LINE = "force predicted in free run", "force predicted on-line"
+_NO_FIGURE = {
+    _FREE_RUN: "with the effects it cannot be predicted",
+    _ON_LINE: "with the effects no estimate predicts it",
+}
+"""Why an error has no figure with the extended model, where one reason only is possible."""
 _RUN_TO_RUN_FACTOR = 1.1
 """Factor by which an error may differ between two runs of one model."""
 
@@ -44,7 +49,7 @@ def made_worse(fresh: Mapping[str, Any]) -> list[str]:
     floor = slave["free_run"]["noise_floor"] or 0.0
     found = []
     for words, error in (
-        ("force predicted in free run", slave["free_run"]),
+        (_FREE_RUN, slave["free_run"]),
         (_ON_LINE, slave["on_line"]),
         ("force felt at the hand", fresh["master"]),
     ):
@@ -52,7 +57,8 @@ def made_worse(fresh: Mapping[str, Any]) -> list[str]:
         if before is None:
             continue
         if after is None:
-            found.append(f"{words}, {before:.4f} before, is unknown after")
+            without = _NO_FIGURE.get(words, "is unknown after")
+            found.append(f"{words}, {before:.4f} before, {without}")
         elif after > max(_RUN_TO_RUN_FACTOR * before, floor):
             found.append(f"{words}, {before:.4f} before, is {after:.4f} after")
     return found

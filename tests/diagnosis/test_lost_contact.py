@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from teleop_rt.contact.effects import find
+from teleop_rt.diagnosis.answers.notes import of_lost_contact
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.search import fit_base
+from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.samples.lost_contact import without_contact
+from teleop_rt.diagnosis.samples.preparation import pose
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.recording import from_arrays
 
@@ -85,6 +92,24 @@ def test_a_force_that_stands_still_during_a_touch_is_reported(stands_still: bool
     assert len(said) == stands_still
     if stands_still:
         assert f"first at {touch * DT_S:.2f} s" in said[0]
+
+
+def test_a_body_that_relaxes_is_said_to_let_go_of_the_tool() -> None:
+    """Its force channel was suspected, beside the name of the effect by which it lets go."""
+    t = np.arange(6000) * DT_S
+    x = 0.002 - 0.006 * np.cos(2 * np.pi * 0.9 * t)
+    force = 3600.0 * np.maximum(x, 0.0)
+    touch = int(np.flatnonzero((x[1:] > 0.0) & (x[:-1] <= 0.0))[2])
+    force[touch - 20 : touch + 90] = 0.0
+    recording = from_arrays(
+        "made", t, x, force + NOISE_N * np.random.default_rng(8).normal(size=t.size)
+    )
+    problem, model = pose(recording, base_of("kelvin-voigt"), 0.0)
+    base = fit_base(problem, model)
+    relaxing = problem.refine(replace(base.model, effects=(find("stress_relaxation"),)), np.ones(1))
+    notes = [of_lost_contact(problem, fit, recording, 0.0) for fit in (base, relaxing)]
+    assert ["stood still" in note for (note,) in notes] == [True, False]
+    assert "lets go of the tool" in notes[1][0]
 
 
 def crept(*, lets_go: float) -> tuple[np.ndarray, ...]:

@@ -94,6 +94,21 @@ def test_a_closed_loop_is_printed_with_its_effect_and_errors(closed, call, tmp_p
     assert json.loads((tmp_path / "loop" / "loop.json").read_text())["probability"]
 
 
+@pytest.mark.usefixtures("no_pages")
+def test_the_first_line_of_a_closed_loop_says_that_its_model_is_withdrawn(
+    closed, call, tmp_path, monkeypatch
+):
+    first, other = (closed[0].parent / name for name in ("first.csv", "other.csv"))
+    found = {key: part for key, part in closed[1].items() if key not in OF_THE_COMMAND}
+    gone = found | {"withdrawn": ["an error"], "reason": "it is withdrawn"}
+    monkeypatch.setattr(closing_command, "close_recordings", lambda *_: (gone, None))
+    _, text, _ = call(
+        "close-loop", "--recording", first, "--test", other, "--out", tmp_path / "loop"
+    )
+    assert text.splitlines()[0].endswith(f": {found['verdict']}, model withdrawn")
+    assert "in the withdrawn model nonlinear_stiffening is rendered to the operator: " in text
+
+
 def rubbed(path, hertz, seed=1):
     """Write a press on a body that rubs the more the deeper the tool is: no declared effect."""
     t = np.arange(3000) * 1e-3

@@ -46,6 +46,8 @@ def write(path, t, measured, predicted):
         ({"felt": (0.0005, 0.0015)}, []),
         ({"felt": (0.05, 0.053)}, []),
         ({"felt": (0.05, None)}, ["felt at the hand, 0.0500 before, is unknown after"]),
+        ({"on_line": (0.3, None)}, ["0.3000 before, with the effects no estimate predicts it"]),
+        ({"free_run": (0.3, None)}, ["0.3000 before, with the effects it cannot be predicted"]),
         ({"felt": (None, None)}, []),
         ({"felt": (0.0005, 0.0015), "floor": None}, ["felt at the hand"]),
     ],

@@ -34,6 +34,8 @@ _LEAST_OF_TIME = 0.1
 """Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
 _LOST_CONTACT_S = 0.03  # s; a touch, and the settling of a filter after it, are shorter
 _LOST_CONTACT_RATIO = 10.0  # of the residual there to its deviation elsewhere
+_LETS_GO = {"relaxation", "hysteresis"}
+"""Families of effects by which a body keeps a dent for a while, and releases the tool early."""
 _RESTS_ON = {
     "away from touches": (
         "20 ms around each touch and release were left out: there the force is slightly early or"
@@ -268,10 +270,16 @@ def of_lost_contact(problem: Problem, fit: Fit, recording: Recording, start: flo
     if not lost:
         return []
     seconds = motion.dt * sum(past - first for first, past in lost)
+    lets_go = any(effect.family in _LETS_GO for effect in fit.model.effects)
+    why = (
+        "a body that relaxes lets go of the tool on its way out, as that of the effects found; if"
+        " they come on the way in, check the connection of the force sensor"
+        if lets_go
+        else "the tool lost the body there, or the force channel stood still; check its connection"
+    )
     note = (
         f"{seconds:.2g} s beyond the surface show the force of free air, and were left out"
-        f" (in {len(lost)} of the touches, first at {start + lost[0][0] * motion.dt:.2f} s): the"
-        " tool lost the body there, or the force channel stood still; check its connection"
+        f" (in {len(lost)} of the touches, first at {start + lost[0][0] * motion.dt:.2f} s): {why}"
     )
     return [note]
 
