@@ -325,3 +325,29 @@ def test_the_set_that_predicts_best_is_said_once():
     assert said.count(best) == 1
     assert f"  predicts best with: {best}; these are its errors" in said
     assert "note: another note" in said
+
+
+def test_an_open_answer_bounds_the_noise_and_compares_its_draft():
+    error = {"on": "blocks", "before": 0.2, "after": 0.02, "noise_floor": 0.01}
+    answer = {
+        "recording": "a.csv",
+        "verdict": "unexplained",
+        "base": {"model": "kelvin-voigt", "parameters": {}},
+        "effects": [],
+        "probability": {},
+        "class": [],
+        "predictor": ["force_lag"],
+        "error": error,
+        "nearest": {"effects": ["force_drift"], "family": "drift", "share": 0.9,
+                    "before": 0.2, "after": 0.01},
+        "draft": {"terms": ["the position"], "file": "draft.py", "error": error},
+        "notes": [],
+        "gaps": {"samples": 0, "count": 0},
+        "detectable": [],
+    } | dict.fromkeys(("dependence", "experiment"))  # fmt: skip
+    console = Console(file=io.StringIO(), width=200)
+    print_diagnosis(console, answer)
+    said = console.file.getvalue()
+    assert "noise floor at most 0.01\n" in said
+    assert "  chosen to predict: force_lag; these are its errors" in said
+    assert "after 0.02, worse than the set of effects above; draft.py is ready" in said

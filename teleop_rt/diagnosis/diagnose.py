@@ -11,12 +11,12 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.answers import outliers
 from teleop_rt.diagnosis.answers.answer import base_entry, candidates_of, effects_of
 from teleop_rt.diagnosis.answers.detectable import detectable
-from teleop_rt.diagnosis.answers.errors import HeldOut
+from teleop_rt.diagnosis.answers.errors import HeldOut, bounded_floor
 from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_lost_contact, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
-from teleop_rt.diagnosis.answers.residuals import nearest, predict_recording
+from teleop_rt.diagnosis.answers.residuals import nearest, of_nearest, predict_recording
 from teleop_rt.diagnosis.criteria import SECOND_SHARE
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.applicable import applicable
@@ -64,7 +64,8 @@ def diagnose(
     weighed, found = made.weighed, made.found
     problem, model, judgement = found.problem, found.base.model.base, found.judgement
     answer = _answer(found, recording)
-    answer["error"] = on_blocks if test is None else predicted_on(found, test, surface).errors
+    errors = on_blocks if test is None else predicted_on(found, test, surface).errors
+    answer["error"] = bounded_floor(errors)
     unseen = None if test is None else pose_again(test, model, surface, weighed.problem)
     if (estimated := by_reference(found.problem, found.best, recording, unseen)) is not None:
         answer["instruments"] = estimated
@@ -79,6 +80,7 @@ def diagnose(
         found = replace(found, experiment=proposed)
     if judgement.verdict == "unexplained":
         answer["nearest"] = nearest(found, test, surface)
+        answer["error"] = bounded_floor(answer["error"], answer["nearest"] or {})
     answer["detectable"] = _detectable(weighed, recording, answer, effects)
     _add_notes(answer, made, recording, (base, surface), start)
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
@@ -122,6 +124,7 @@ def _add_notes(
     hints = (turned_sign(found.problem, found.base.model), other_base(found))
     answer["notes"] += [hint for hint in hints if hint is not None]
     answer["notes"] += notes_of(answer, model, base, recording, surface, made.weighed.samples)
+    answer["notes"] += of_nearest(found, answer)
     answer["notes"] += of_lost_contact(found.problem, found.predicts, recording, start)
     answer["notes"] += list(made.signs)
     times = [(start + n * recording.dt, start + m * recording.dt) for n, m in made.weighed.lost]

@@ -147,7 +147,7 @@ def _on_fresh_trial(
     predicted = draft.predicted(unseen) if draft else predicted_on(diagnosed, unseen, named=True)
     errors = {
         "changes": fresh,
-        "slave": _on_slave(predicted.errors, before, after),
+        "slave": _on_slave(predicted.shown_errors, before, after),
         "master": _at_hand(before, after),
         "handled": handled(chosen, library),
     }

@@ -157,7 +157,7 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path) -> None:
     if answer.get("reason"):
         console.print(f"  {answer['reason']}", highlight=False)
     print_effects(console, answer)
-    print_draft(console, answer["draft"])
+    print_draft(console, answer)
     if (shift := answer.get("surface_shift")) is not None:
         where = "deep" if shift["value"] > 0.0 else "shallow"
         size = f"{SMALL * abs(shift['value']):.2g} {small(shift['unit'])}"

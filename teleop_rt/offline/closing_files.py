@@ -72,7 +72,7 @@ def close_over(
     elif draft is not None:
         predicted = draft.predicted(unseen)
         result = {**result, "effects": [draft.effect], "base": draft.base,
-                "error": predicted.errors}  # fmt: skip
+                "error": predicted.shown_errors}  # fmt: skip
         known, effects = library(draft.file), draft.file
         answer["reason"] = DRAFTED
     else:
@@ -84,7 +84,7 @@ def close_over(
     fresh = {
         "changes": [],
         "slave": {
-            "free_run": predicted.errors,
+            "free_run": predicted.shown_errors,
             "on_line": _on_line(test, base, document, table, effects),
         },
         "master": _without_errors(

@@ -14,6 +14,8 @@ from rich.markup import escape
 
 from teleop_rt.batch.workers import Workers
 from teleop_rt.config.shown_unit import shown_unit
+from teleop_rt.diagnosis.answers.errors import is_beaten, predicts_worse
+from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE
 from teleop_rt.estimation.report import best_first
 from teleop_rt.metrics import in_percent
 from teleop_rt.offline.find import names_one
@@ -110,15 +112,17 @@ def _evidence(effect: Mapping[str, Any], probability: Mapping[str, float]) -> st
     return f" Probability {chance:.2f}; explains {share} of the base's residual."
 
 
-def print_draft(console: Console, draft: Mapping[str, Any] | None) -> None:
+def print_draft(console: Console, answer: Mapping[str, Any]) -> None:
     """Print where a drafted law was written, and the errors with it."""
+    draft = answer["draft"]
     if draft is None:
         return
     error = draft["error"]
     before, after = _share(error["before"]), _share(error["after"])
+    worse = ", worse than the set of effects above" if predicts_worse(answer) else ""
     console.print(
         f"  drafted law: {'; '.join(draft['terms'])}: NRMSE on {error['on']}: before {before},"
-        f" after {after}; {draft['file']} is ready for --effects",
+        f" after {after}{worse}; {draft['file']} is ready for --effects",
         highlight=False,
         soft_wrap=True,
     )
@@ -137,7 +141,7 @@ def print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         say(f"  note: {note}")
     print_effects(console, answer)
     _print_errors(say, answer)
-    print_draft(console, answer["draft"])
+    print_draft(console, answer)
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         say(f"  to decide: {experiment['why']}{where}")
@@ -165,12 +169,12 @@ def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
     ends = error["before"], error["after"]
     worse = None not in ends and ends[1] > ends[0]
     if answer["predictor"] and set(answer["predictor"]) != {e["name"] for e in answer["effects"]}:
-        best = (
-            "no set predicts better than the base; the nearest" if worse else "predicts best with"
-        )
+        best = "chosen to predict" if is_beaten(answer) else "predicts best with"
+        best = "no set predicts better than the base; the nearest" if worse else best
         say(f"  {best}: {' + '.join(answer['predictor'])}; these are its errors")
     before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
-    say(f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {floor}")
+    bound = "at most " if answer["verdict"] in INCONCLUSIVE else ""
+    say(f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {bound}{floor}")
     if (nearest := answer["nearest"]) is not None:
         say(
             f"  nearest: {' + '.join(nearest['effects'])}, of the family {nearest['family']},"

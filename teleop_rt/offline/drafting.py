@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from teleop_rt.diagnosis.answers.errors import bounded_floor
 from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.draft.declaration import FILE
 from teleop_rt.diagnosis.draft.drafted import Drafted, drafted
@@ -34,7 +35,9 @@ def write_draft(
     draft = drafted(found, recording, folder, own)
     if draft is None:
         return None
-    found.answer["draft"] = draft.entry(test, surface)
+    entry = draft.entry(test, surface)
+    found.answer["draft"] = entry
+    found.answer["error"] = bounded_floor(found.answer["error"], entry["error"])
     try:
         from teleop_rt.view.residual_figure import (  # noqa: PLC0415 - an extra may be absent
             residual_figure,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.diagnosis.answers import extended
+from teleop_rt.diagnosis.answers.errors import predicts_worse
 from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.diagnosis.criteria import HIGHEST_BESIDE_UNKNOWN
 from teleop_rt.metrics import in_percent
@@ -105,10 +106,11 @@ def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
         yield f"What is left depends on {shares}."
     if (draft := answer["draft"]) is not None:
         before, after = (_percent(draft["error"][key]) for key in ("before", "after"))
+        worse = ", worse than the set of effects above" if predicts_worse(answer) else ""
         yield (
             f"A law was drafted from it, of {'; '.join(draft['terms'])}: error on"
-            f" {draft['error']['on']} {before} → {after}. draft_effect.py beside this page declares"
-            " it for --effects: give it a name."
+            f" {draft['error']['on']} {before} → {after}{worse}. draft_effect.py beside this page"
+            " declares it for --effects: give it a name."
         )
 
 
@@ -145,7 +147,10 @@ def _tiles(answer: dict[str, Any]) -> Iterator[Tile]:
     before, after, floor = (error.get(key) for key in ("before", "after", "noise_floor"))
     parts = [_percent(before)]
     parts += [_percent(after)] if answer["effects"] else []
-    details = (f"NRMSE on {error.get('on')}, in free run", f"the noise alone: {_percent(floor)}")
+    noise = f"the noise alone: {_percent(floor)}"
+    if answer["verdict"] in {"partial", "unexplained"}:
+        noise = f"the noise alone: at most {_percent(floor)}; more of the rest may hide in it"
+    details = (f"NRMSE on {error.get('on')}, in free run", noise)
     title = "Error before → after" if answer["effects"] else "Error of the base"
     yield Tile(title, "unknown", " → ".join(parts), details)
     base = answer["base"]

@@ -9,12 +9,15 @@ import pytest
 
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.diagnosis.answers.answer import parameters_of_effect
-from teleop_rt.diagnosis.answers.errors import HeldOut
+from teleop_rt.diagnosis.answers.errors import HeldOut, bounded_floor, predicts_worse
 from teleop_rt.diagnosis.answers.notes import notes_of
+from teleop_rt.diagnosis.answers.residuals import of_nearest
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
+from teleop_rt.diagnosis.noise.structure import LackOfFit
 from teleop_rt.diagnosis.noise.whiten import white
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
 from teleop_rt.diagnosis.samples.preparation import problem_of
@@ -190,3 +193,48 @@ def test_a_value_at_its_bound_is_said_to_lie_there() -> None:
     found = parameters_of_effect(problem, fit, 0, spread, recording.units)
     assert {name for name, one in found.items() if "note" in one} == {"sharpness"}
     assert parameter("sharpness", found["sharpness"]).endswith(" (at its bound)")
+
+
+def errors(before: float, after: float | None, floor: float | None) -> dict[str, float | None]:
+    return {"before": before, "after": after, "noise_floor": floor, "after_over_floor": None}
+
+
+def test_no_error_of_an_answer_lies_below_its_noise_floor() -> None:
+    """A floor of 0.0083 stood above an error of 0.0013."""
+    own = errors(0.2, 0.01, 0.008)
+    assert bounded_floor(own) == {**own, "after_over_floor": pytest.approx(1.25)}
+    nearest = {"before": 0.2, "after": 0.00125}
+    assert bounded_floor(own, nearest) == {
+        **own, "noise_floor": 0.00125, "after_over_floor": pytest.approx(8.0)
+    }  # fmt: skip
+    assert bounded_floor(errors(0.2, 0.004, 0.005))["after_over_floor"] == 1.0
+    assert bounded_floor(errors(0.2, None, 0.005), {}) == errors(0.2, None, 0.005)
+    assert bounded_floor(errors(0.2, 0.1, None), nearest)["noise_floor"] is None
+
+
+@pytest.mark.parametrize(
+    ("draft", "nearest", "worse"),
+    [(0.01, None, False), (0.03, None, True), (0.01, 0.005, True), (None, None, True)],
+)
+def test_a_draft_that_predicts_worse_than_a_set_is_known(
+    draft: float | None, nearest: float | None, worse: bool
+) -> None:
+    answer = {
+        "error": errors(0.2, 0.02, 0.001),
+        "nearest": None if nearest is None else {"after": nearest},
+        "draft": {"error": {"after": draft}},
+    }
+    assert predicts_worse(answer) is worse
+
+
+def test_a_nearest_set_that_errs_less_is_said_to_hold_a_law_of_time() -> None:
+    found = diagnose(outside_the_library(), "kelvin-voigt", surface=0.0, effects=())
+    model = replace(found.base.model, effects=(find("tool_inertia"), find("force_drift")))
+    left = LackOfFit(0.0, 1, 0.0, 1.0, 1.0)
+    ranked = Ranked(replace(found.base, model=model), 0.0, 0.0, left)
+    found = replace(found, candidates=(ranked,))
+    answer = {"error": errors(0.2, 0.02, 0.001), "nearest": {"after": 0.01}}
+    (note,) = of_nearest(found, answer)
+    assert "a law of time (force_drift)" in note
+    assert of_nearest(found, answer | {"nearest": {"after": 0.03}}) == []
+    assert of_nearest(found, answer | {"nearest": None}) == []

@@ -155,9 +155,11 @@ class Error(DraftError):
     """Error before and after on unseen data, with the noise floor."""
 
     noise_floor: float | None
-    """NRMSE that noise alone leaves [1]; null where the force does not vary."""
+    """NRMSE that noise alone leaves [1]; null where the force does not vary. It is an estimate, at
+    most the least error of this answer, and beside the verdicts partial and unexplained an upper
+    bound: a force that nothing explains may be in it."""
     after_over_floor: float | None
-    """`after` over `noise_floor` [1]; null where either is."""
+    """`after` over `noise_floor` [1]; null where either is, or the floor is 0."""
     std_normalised: Errors
     """The same errors over the force's standard deviation."""
     std_normalised_low_passed: LowPassedErrors | None

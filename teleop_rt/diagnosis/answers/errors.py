@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,7 +30,7 @@ class HeldOut:
 
     @property
     def errors(self) -> dict[str, Any]:
-        """The answer's `error`: before and after, and the noise floor."""
+        """The errors before and after, and the noise floor as it was estimated."""
         force, where = self.problem.force, self.where
         before, after = (
             defined(held_out.error(force, p, where)) for p in (self.before, self.after)
@@ -46,6 +47,11 @@ class HeldOut:
             "std_normalised": {"before": before.std_normalised, "after": after.std_normalised},
             "std_normalised_low_passed": self._low_passed_errors(),
         }
+
+    @property
+    def shown_errors(self) -> dict[str, Any]:
+        """The same with a noise floor that neither error contradicts."""
+        return bounded_floor(self.errors)
 
     def _low_passed_errors(self) -> dict[str, Any] | None:
         """Return the errors with force and prediction low-passed alike; null for slow recordings.
@@ -131,6 +137,37 @@ def explained(unseen: HeldOut) -> float:
         for predicted in (unseen.before, unseen.after)
     )
     return 1.0 - max(after, 0.0) / before if before > 0.0 else 1.0
+
+
+def bounded_floor(errors: Mapping[str, Any], *others: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an answer's `error` with a noise floor that none of its errors contradicts.
+
+    The noise is in each of them, so none is smaller: `others` are those of the nearest candidate
+    and of a draft on the same data.
+    """
+    floor, after = errors["noise_floor"], errors["after"]
+    if floor is None:
+        return dict(errors)
+    every = [one.get(key) for one in (errors, *others) for key in ("before", "after")]
+    floor = min([floor, *(error for error in every if error is not None)])
+    ratio = after / floor if after is not None and floor > 0.0 else None
+    return {**errors, "noise_floor": floor, "after_over_floor": ratio}
+
+
+def predicts_worse(answer: Mapping[str, Any]) -> bool:
+    """Return whether the draft of an answer predicts worse than a set of effects in it."""
+    sets = [answer[key] for key in ("error", "nearest") if answer.get(key)]
+    known = [one["after"] for one in sets if one["after"] is not None]
+    after = answer["draft"]["error"]["after"]
+    return bool(known) and (after is None or after > min(known))
+
+
+def is_beaten(answer: Mapping[str, Any]) -> bool:
+    """Return whether the nearest candidate errs less than the set whose errors are given."""
+    nearest, after = answer["nearest"], answer["error"]["after"]
+    if nearest is None or nearest["after"] is None or after is None:
+        return False
+    return bool(nearest["after"] < after)
 
 
 def defined(error: held_out.Error) -> held_out.Error:

@@ -166,7 +166,7 @@ def _of_what_is_left(answer: dict[str, Any]) -> list[str]:
         return [deviations]
     share = (
         "the named effects explain less than 95 % of the structure above the noise; the errors"
-        " are those of the set that predicts best, named or not: see the residual against"
+        " are those of the set chosen to predict, named or not: see the residual against"
         " position, velocity and time on the page of --out, and its draft of a law for"
         " --effects FILE"
     )

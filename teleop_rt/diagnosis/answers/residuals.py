@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, on_record, scored
+from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut, is_beaten, on_record, scored
 from teleop_rt.diagnosis.inference.ranked import explains, family_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
+from teleop_rt.diagnosis.inference.sets import OF_TIME
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.noise_floor import NoiseLevels, with_own_noise
@@ -108,3 +109,16 @@ def nearest(
         "before": before,
         "after": after,
     }
+
+
+def of_nearest(found: Diagnosis, answer: dict[str, Any]) -> list[str]:
+    """Return the note on a nearest candidate that errs less than the set chosen to predict."""
+    if not is_beaten(answer):
+        return []
+    of_time = [e.name for e in found.candidates[0].fit.model.effects if e.family in OF_TIME]
+    why = (
+        f"it holds a law of time ({', '.join(of_time)}), which carries over to no other recording"
+        if of_time
+        else "the latter was chosen on other blocks, before these errors were known"
+    )
+    return [f"the nearest set errs less than the one chosen to predict: {why}"]
