@@ -100,7 +100,8 @@ def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
         words = f"    {effect_in_words(effect)}{_evidence(effect, answer['probability'])}"
         console.print(words, highlight=False, soft_wrap=True)
     if len(answer["class"]) > 1:
-        sets = "; or ".join(" + ".join(names) for names in answer["class"])
+        first = [effect["name"] for effect in answer["effects"]]  # in the order of the lines above
+        sets = "; or ".join(" + ".join(names) for names in (first, *answer["class"][1:]))
         console.print(f"  one of: {sets}", highlight=False, soft_wrap=True)
 
 

@@ -116,7 +116,8 @@ def _beyond_the_vocabulary(answer: dict[str, Any]) -> Iterator[str]:
 
 def _verdict(answer: dict[str, Any]) -> tuple[str, str]:
     grade, text = _VERDICTS["doubted" if _is_doubted(answer) else answer["verdict"]]
-    sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
+    # The first set in the order of its effects below, and of the text.
+    sets = [[entry["name"] for entry in answer["effects"]], *answer["class"][1:]]
     names = " or ".join(_names(one) for one in sets)
     proposal = (
         "; the motion that would is in motion.csv beside this page" if answer["experiment"] else ""

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.effect import Effect, Matrix
-from teleop_rt.diagnosis.inference.one_more import fit_without, without
+from teleop_rt.diagnosis.answers.shares import shares_of_members
+from teleop_rt.diagnosis.inference.one_more import without
 from teleop_rt.diagnosis.inference.ranked import Ranked, explains, slack_of
 from teleop_rt.diagnosis.inference.verdict import Judgement
 from teleop_rt.diagnosis.models.axes import Axes
@@ -167,17 +168,21 @@ def effect_entry(
 def effects_of(
     problem: Problem, base: Fit, judgement: Judgement, floor: Matrix, units: tuple[str, str]
 ) -> list[dict[str, Any]]:
-    """Return the fitted effects of the best set and the shares that they explain, largest first."""
+    """Return the fitted effects of the best set, by the share that each explains, largest first.
+
+    The shares add up to that of the set.
+    """
     if not judgement.sets:
         return []
     best = judgement.sets[0]
     spread = covariance(problem, best.fit, floor)
     whole = share_explained(best, judgement)
+    shares = shares_of_members(problem, base, best.fit)
     found = [
         effect_entry(
             effect,
             parameters_of_effect(problem, best.fit, i, spread, units),
-            whole * _share(problem, base, best.fit, i),
+            whole * shares[i],
             _absorbed(problem, base, best.fit, i),
         )
         for i, effect in enumerate(best.fit.model.effects)
@@ -209,15 +214,6 @@ def share_explained(ranked: Ranked, judgement: Judgement) -> float:
     chosen = set(ranked.fit.names) in named and judgement.verdict != "partial"
     slack = slack_of(ranked, judgement.floor) if chosen else 0.0
     return explains(ranked, judgement.excess, slack)
-
-
-def _share(problem: Problem, base: Fit, best: Fit, member: int) -> float:
-    """Return the gain of a member beside the others, as a share of the whole set's gain."""
-    gain = base.chi2 - best.chi2
-    if len(best.model.effects) == 1 or gain <= 0.0:
-        return 1.0
-    without = fit_without(problem, best, member)
-    return min(1.0, max(0.0, (without.chi2 - best.chi2) / gain))
 
 
 def _absorbed(problem: Problem, base: Fit, best: Fit, member: int) -> float | None:

@@ -55,7 +55,10 @@ class FoundEffect(Keys):
     parameters: dict[str, FittedParameter]
     """Amplitude and shape by name."""
     explains: float | None
-    """Share of the base's residual that the effect explains [0 to 1]; null for outliers."""
+    """Share of the base's residual that the effect explains [0 to 1]; null for outliers.
+
+    It is the gain beside other effects of the set, averaged over all orders (Shapley 1953), so the
+    shares add up to that of the set."""
     absorbed_by_base: float | None
     """Share of the effect's energy that the base alone takes up [0 to 1]; null where undefined."""
     compensation: Compensation

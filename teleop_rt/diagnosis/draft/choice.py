@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import factorial
 
 import numpy as np
 
 from teleop_rt.contact.effect import Matrix, Vector
+from teleop_rt.diagnosis.answers.shares import shapley
 from teleop_rt.diagnosis.draft.blocks import FoldEquations
 from teleop_rt.diagnosis.draft.terms import (
     GROUPS,
@@ -110,18 +110,7 @@ def shares(
             chosen = [place for group in some for place in places[group]]
             left = blocks.energy(chosen)
             worth[frozenset(some)] = max(0.0, 1.0 - left / max(base, 1e-300))
-    return {group: round(_shapley(group, worth), 4) for group in GROUPS}
-
-
-def _shapley(group: Group, worth: dict[frozenset[Group], float]) -> float:
-    count = len(GROUPS)
-    total = 0.0
-    for some, value in worth.items():
-        if group in some:
-            continue
-        weight = factorial(len(some)) * factorial(count - len(some) - 1) / factorial(count)
-        total += weight * (worth[some | {group}] - value)
-    return max(0.0, total)
+    return {group: round(shapley(group, len(GROUPS), worth), 4) for group in GROUPS}
 
 
 def _own_rows(problem: Problem, fit: Fit) -> Matrix:
