@@ -7,8 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.draft.declaration import drafted_from
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.errors import ExpectedError
@@ -23,7 +25,7 @@ from teleop_rt.offline.write import write_diagnosis
 from teleop_rt.realtime.scheduling import give_back_compiler
 from teleop_rt.recordings.excerpt import most_active
 from teleop_rt.recordings.memory import return_large_arrays
-from teleop_rt.recordings.recording import refuse_other_units
+from teleop_rt.recordings.recording import Recording, refuse_other_units
 from teleop_rt.trial.folder import recording_of
 
 
@@ -138,6 +140,7 @@ class Diagnosing:
             loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
         )
         found.answer["notes"] += [hint for hint in hints if hint is not None]
+        found.answer["notes"] += self._of_own_draft(found.answer, loaded)
         if self.out is not None:
             enter("writing page and model")
             folder = self._folder(name)
@@ -145,6 +148,18 @@ class Diagnosing:
             write_diagnosis(found, loaded, path, folder)
         del found.answer["seconds"]
         return {**found.answer, "recording": str(path)}
+
+    def _of_own_draft(self, answer: dict[str, Any], recording: Recording) -> list[str]:
+        """Return the note on an effect that was drafted from the recording that it explains."""
+        shipped = {effect.name for effect in LIBRARY}
+        own = [one["name"] for one in answer["effects"] if one["name"] not in shipped]
+        if self.effects is None or not own or not drafted_from(self.effects, recording):
+            return []
+        note = (
+            f"{' and '.join(own)} may be drafted from this recording, so that it fits here proves"
+            " nothing, whatever its probability: judge it on another recording"
+        )
+        return [note]
 
     def written(self, name: str) -> bool:
         """Return whether the extended model is there, where it was asked for."""

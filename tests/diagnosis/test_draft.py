@@ -14,7 +14,7 @@ from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis.answers.notes import of_time
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.draft.choice import Law, law_of
-from teleop_rt.diagnosis.draft.declaration import NAME, text_of
+from teleop_rt.diagnosis.draft.declaration import NAME, drafted_from, text_of
 from teleop_rt.diagnosis.draft.drafted import drafted
 from teleop_rt.diagnosis.draft.terms import MEMORIES, Scaling, Term, candidates, quantities, row_of
 from teleop_rt.diagnosis.inference.search import fit_base
@@ -176,3 +176,28 @@ def test_a_law_of_two_terms_in_the_same_words_lists_these_words_once() -> None:
     problem, fit = posed(pressed("friction"), "spring,viscous,bias")
     law = Law((fast, slow), (1.0, 0.5), Scaling.of(problem, fit), only_in_contact=False, shares={})
     assert law.words == ["the direction"]
+    assert "the sum of 2 terms: the direction (2 terms)." in text_of(law, "a.csv", ("m", "N"))
+
+
+def test_a_draft_drops_terms_that_do_not_differ_from_zero_and_knows_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = pressed("depth")
+    found = diagnose(recording, "kelvin-voigt", surface=0.0, effects=())
+    law = law_of(found.problem, found.best, of_time=False)
+    assert law is not None
+    known = {term.expression for term in law.terms}
+    idle = next(t for t in candidates(base_of("kelvin-voigt")) if t.expression == "w")
+    assert idle.expression not in known
+    padded = replace(
+        law, terms=(*law.terms, idle), coefficients=(*law.coefficients, 1e-9 * law.coefficients[0])
+    )
+    monkeypatch.setattr("teleop_rt.diagnosis.draft.drafted.law_of", lambda *_, **__: padded)
+    draft = drafted(found, recording, tmp_path)
+    assert draft is not None
+    assert idle not in draft.law.terms
+    for name, one in draft.effect["parameters"].items():
+        assert not name.startswith("weight_") or abs(one["value"]) > 2.0 * one["std"]
+    assert "weight_2" in draft.effect["parameters"] or len(draft.law.terms) == 1
+    assert drafted_from(draft.file, recording)
+    assert not drafted_from(draft.file, pressed("depth", seed=9))

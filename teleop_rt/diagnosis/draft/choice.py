@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -42,6 +42,13 @@ class Law:
     scaling: Scaling
     only_in_contact: bool
     shares: dict[Group, float]
+
+    def without(self, place: int) -> Law:
+        """Return the law without one of its terms; the shares stay those of the residual."""
+        terms, coefficients = (
+            (*row[:place], *row[place + 1 :]) for row in (self.terms, self.coefficients)
+        )
+        return replace(self, terms=terms, coefficients=coefficients)
 
     @property
     def words(self) -> list[str]:

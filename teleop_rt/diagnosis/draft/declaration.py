@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 
 from teleop_rt.diagnosis.draft.choice import Law
 from teleop_rt.diagnosis.draft.terms import BEYOND, MEMORIES, Term
+from teleop_rt.recordings.excerpt import most_active
+from teleop_rt.recordings.recording import Recording
 
 NAME = "draft_effect"
 FILE = "draft_effect.py"
@@ -30,6 +34,7 @@ Beyond {beyond:g} times the range seen it stays as it is there.
 {imports}from teleop_rt.contact.effect import Amplitude, Effect, Shape
 from teleop_rt.kernels.jit import kernel
 
+DRAFTED_FROM = "{data}"  # the data of {recording}: only others can confirm the law
 {constants}
 
 
@@ -57,8 +62,26 @@ DRAFT = Effect(
 '''
 
 
-def text_of(law: Law, recording: str, units: tuple[str, str], own: Path | None = None) -> str:
-    """Return the file's text; `own` is a file of the user's effects, which the draft keeps."""
+def identity(recording: Recording) -> str:
+    """Return a name for the data of a recording, by which a draft knows them again."""
+    part, _ = most_active(recording)
+    digest = sha256(part.position.tobytes())
+    digest.update(part.force.tobytes())
+    return digest.hexdigest()[:16]
+
+
+def drafted_from(effects: Path, recording: Recording) -> bool:
+    """Return whether a file of effects holds a law that was drafted from this recording."""
+    return f'"{identity(recording)}"' in effects.read_text(encoding="utf-8")
+
+
+def text_of(
+    law: Law, recording: str, units: tuple[str, str], own: Path | None = None, data: str = ""
+) -> str:
+    """Return the file's text; `own` is a file of the user's effects, which the draft keeps.
+
+    `data` is the `identity` of the recording.
+    """
     visible = {group: share for group, share in law.shares.items() if share >= 0.01}
     ranked = sorted(visible.items(), key=lambda item: -item[1])
     body, shapes, states = _body(law), _shapes(law), len(_memories(law.terms))
@@ -69,7 +92,8 @@ def text_of(law: Law, recording: str, units: tuple[str, str], own: Path | None =
         recording=recording,
         shares=", ".join(f"{group} {100.0 * share:.0f} %" for group, share in ranked) or "nothing",
         count="one term" if len(law.terms) == 1 else f"{len(law.terms)} terms",
-        words="; ".join(law.words),
+        words="; ".join(_counted(law)),
+        data=data,
         beyond=BEYOND,
         imports=f"from math import {', '.join(used)}\n\n" if used else "",
         constants="\n".join(_constants(law, names, units)),
@@ -85,6 +109,12 @@ def text_of(law: Law, recording: str, units: tuple[str, str], own: Path | None =
         gated=law.only_in_contact,
         known=_known(own),
     )
+
+
+def _counted(law: Law) -> list[str]:
+    """Return the words of the terms; terms in the same words are counted behind them."""
+    found = Counter(term.words for term in law.terms)
+    return [words if n == 1 else f"{words} ({n} terms)" for words, n in found.items()]
 
 
 def _known(own: Path | None) -> str:

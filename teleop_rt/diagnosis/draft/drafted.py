@@ -18,12 +18,13 @@ from teleop_rt.diagnosis.answers.answer import (
 from teleop_rt.diagnosis.answers.errors import Blocks, HeldOut
 from teleop_rt.diagnosis.answers.residuals import predict_recording
 from teleop_rt.diagnosis.draft.choice import Law, law_of
-from teleop_rt.diagnosis.draft.declaration import FILE, NAME, text_of
+from teleop_rt.diagnosis.draft.declaration import FILE, NAME, identity, text_of
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models import held_out
 from teleop_rt.diagnosis.models.fit import Fit
 from teleop_rt.recordings.recording import Recording
 
+_SIGMAS = 2.0  # standard deviations below which a weight does not differ from zero
 _EVALUATIONS = 30  # of the descent: a draft's start is coarse, and is refined once
 
 
@@ -98,11 +99,31 @@ def drafted(
     if law is None:
         return None
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / FILE
-    path.write_text(text_of(law, recording.name, recording.units, own), encoding="utf-8")
+    while True:
+        made = _written(law, found, recording, folder / FILE, own)
+        if (weak := _weakest(made)) is None:
+            return made
+        law = law.without(weak)
+
+
+def _written(
+    law: Law, found: Diagnosis, recording: Recording, path: Path, own: Path | None
+) -> Drafted:
+    """Write a law into a file, and refit the base with it."""
+    text = text_of(law, recording.name, recording.units, own, identity(recording))
+    path.write_text(text, encoding="utf-8")
     effect = next(e for e in load_file(path) if e.name == NAME)
     best = found.best
     model = replace(best.model, effects=(*best.model.effects, effect))
     start = np.concatenate([best.zeta, [shape.start for shape in effect.shapes]])
     fit = found.problem.refine(model, start, _EVALUATIONS)
     return Drafted(law, path, fit, found, recording.units)
+
+
+def _weakest(made: Drafted) -> int | None:
+    """Return the term whose weight differs least from zero, None if each does by its deviation."""
+    parameters = made.effect["parameters"]
+    weights = {i: parameters[f"weight_{i + 1}"] for i in range(1, len(made.law.terms))}
+    ratios = {i: abs(one["value"]) / one["std"] for i, one in weights.items() if one["std"]}
+    weakest = min(ratios, key=lambda i: ratios[i], default=None)
+    return weakest if weakest is not None and ratios[weakest] < _SIGMAS else None
