@@ -20,9 +20,7 @@ from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
 
 CANDIDATES_SHOWN = 15
 """Candidates in the answer; those behind the fifteenth were never close in any recording."""
-_AT_BOUND = (
-    1e-4  # of the range in which a parameter is searched: its printed digits are the bound's
-)
+_AT_BOUND = 1e-4  # of the range of a parameter: nearer, its printed digits are the bound's
 
 
 def fill(unit: str, units: tuple[str, str]) -> str:
