@@ -195,12 +195,12 @@ EFFECTS = (
         step=_weakened_by_load,
         state_size=1,
         sentence=(
-            "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and"
-            " {damping_time} times that off the damping."
+            "Load takes {loss_rate} off the stiffness at first, and less once depth times time"
+            " reaches {load_time}; the damping falls by {damping_time} times as much."
         ),
         turned=(
-            "Load adds {-loss_rate} to the stiffness, less after {load_time} of it, and"
-            " {damping_time} times that to the damping."
+            "Load adds {-loss_rate} to the stiffness at first, and less once depth times time"
+            " reaches {load_time}; the damping rises by {damping_time} times as much."
         ),
         compensation="render",
         derivative_order=1,
@@ -249,12 +249,14 @@ EFFECTS = (
         step=_weakened_spring_by_load,
         state_size=1,
         sentence=(
-            "Load takes {loss_rate} off the stiffness, less after {load_time} of it, and off the"
-            " damping, which equals the spring at {damping_speed}."
+            "Load takes {loss_rate} off the stiffness at first, and less once depth times time"
+            " reaches {load_time}; it also takes off damping, which equals the spring at"
+            " {damping_speed}."
         ),
         turned=(
-            "Load adds {-loss_rate} to the stiffness, less after {load_time} of it, and to the"
-            " damping, which equals the spring at {damping_speed}."
+            "Load adds {-loss_rate} to the stiffness at first, and less once depth times time"
+            " reaches {load_time}; it also adds damping, which equals the spring at"
+            " {damping_speed}."
         ),
         compensation="render",
         derivative_order=1,
