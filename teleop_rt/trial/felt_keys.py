@@ -44,6 +44,8 @@ class Unfelt(Keys):
     """Force that the slave reported, in its own scale [N or Nm]."""
     felt: float
     """Largest force on the operator in the round trip before, in the hand's scale [N or Nm]."""
+    share: float
+    """The felt force in the slave's scale, over the one that the tool pressed with."""
     at_s: float
     """Time of it, from the master's first tick [s]."""
 

@@ -16,9 +16,10 @@ MARGIN_S = 0.05
 
 
 def softened(master: Mapping[str, Any], units: Units) -> str | None:
-    """Return how much of the newest wall's stiffness was rendered; None where all of it was.
+    """Return how much of a stiff wall was felt; None where the newest was rendered as it is.
 
-    `master` is that part of a summary.
+    `master` is that part of a summary. The stiffness that the device must bear is that of a quick
+    touch, which the damping adds to: the share of the force is that of the moment itself.
     """
     passivity = (master.get("rendering") or {}).get("passivity")
     if not passivity:
@@ -28,13 +29,13 @@ def softened(master: Mapping[str, Any], units: Units) -> str | None:
     if not 0.0 < rendered < true:
         return None
     unit = f"{units.force}/{units.position}"
-    parts = " of ".join(f"{float(f'{value:.3g}'):g}" for value in (rendered, true))
-    said = f"{parts} {unit}, {rendered / true:.0%} of its force: more is not passive on this device"
+    soft, stiff = (f"{float(f'{value:.3g}'):g}" for value in (rendered, true))
+    said = f"at most {soft} {unit} is passive on this device; with its damping the wall has {stiff}"
     if (unfelt := master.get("unfelt")) is None:
         return said
     return (
-        f"{said}; at {unfelt['at_s']:.1f} s the tool pressed with {unfelt['pressed']:.3g} "
-        f"{units.force} and the hand felt {unfelt['felt']:.3g}"
+        f"{unfelt['share']:.0%} at {unfelt['at_s']:.1f} s: the tool pressed with "
+        f"{unfelt['pressed']:.3g} {units.force} and the hand felt {unfelt['felt']:.3g}; {said}"
     )
 
 
@@ -60,5 +61,6 @@ def most_unfelt(trial: TrialConfig, master: Columns) -> dict[str, float] | None:
     return {
         "pressed": float(pressed[at]),
         "felt": float(felt[at]),
+        "share": float(felt[at] / trial.master.force_scale / pressed[at]),
         "at_s": float(master["stamp_ns"][at] - began) * 1e-9,
     }

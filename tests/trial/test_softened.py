@@ -8,7 +8,7 @@ from teleop_rt.trial.softened import most_unfelt, softened
 from teleop_rt_dev.trial.files import silicone
 
 UNITS = Units(position="m", force="N")
-UNFELT = {"pressed": 71.4, "felt": 10.0, "at_s": 7.6}
+UNFELT = {"pressed": 71.4, "felt": 10.0, "share": 0.14, "at_s": 7.6}
 
 
 def master(rendered, unfelt=UNFELT):
@@ -18,10 +18,10 @@ def master(rendered, unfelt=UNFELT):
 
 def test_a_softened_wall_is_said_with_the_force_that_was_not_felt():
     assert softened(master(6517.0), UNITS) == (
-        "6520 of 50100 N/m, 13% of its force: more is not passive on this device; "
-        "at 7.6 s the tool pressed with 71.4 N and the hand felt 10"
+        "14% at 7.6 s: the tool pressed with 71.4 N and the hand felt 10; "
+        "at most 6520 N/m is passive on this device; with its damping the wall has 50100"
     )
-    assert softened(master(6517.0, None), UNITS).endswith("passive on this device")
+    assert softened(master(6517.0, None), UNITS).startswith("at most 6520 N/m")
 
 
 @pytest.mark.parametrize("rendered", [0.0, 50_087.0])
@@ -47,5 +47,6 @@ def test_a_force_that_comes_back_a_round_trip_late_is_compared_with_the_one_felt
     assert (found := most_unfelt(trial, columns)) is not None
     assert found["felt"] == 5.0
     assert found["pressed"] == pytest.approx(35.0, abs=0.1)
+    assert found["share"] == pytest.approx(5.0 / 35.0, rel=0.01)
     assert 6.2 <= found["at_s"] < 6.65
     assert most_unfelt(trial, {key: values[:400] for key, values in columns.items()}) is None
