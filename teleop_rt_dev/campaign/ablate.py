@@ -87,7 +87,7 @@ GATES: dict[str, tuple[str, Function]] = {
     "held body seen": ("samples.held:is_held", NEVER),
     "left body seen": ("samples.held:is_left", NEVER),
     "body that may be fixed": ("samples.held:may_be_held", NEVER),
-    "air that is no air": ("inference.views:_leaves_air", NEVER),
+    "air that is no air": ("inference.views:_air_ratio", always(0.0)),
     "onset as wide as a gap": ("inference.rounds:_beyond_onset", always(None)),
     "surface behind a weight": ("samples.surface:surface_behind_weight", always(None)),
     "away from touches": ("inference.rounds:_may_rest_on_touches", NEVER),

@@ -204,20 +204,22 @@ def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
     """
     alone = made.plain.base
     alike = view.base.touches == alone.model.base.touches
-    if made.inconclusive or alike or _without_its_spring(made.found) or _leaves_air(made.found):
+    if made.inconclusive or alike or _without_its_spring(made.found):
+        return True
+    if (_air_ratio(made.found) or 0.0) > _AIR_RATIO:
         return True
     problem, base = pose(recording, view.base, view.surface)
     left = held_out.deviation(problem, fit_base(problem, base))
     return left < held_out.deviation(made.plain.problem, alone)
 
 
-def _leaves_air(found: Diagnosis) -> bool:
-    """Return whether an answer leaves much more beyond its surface than in contact."""
+def _air_ratio(found: Diagnosis) -> float | None:
+    """Return the error of an answer in free air over that in contact; None without free air."""
     problem, fit = found.problem, found.predicts
-    air = ~touches(problem.motion.x) & fit.model.base.touches
-    if not np.any(air):
-        return False
-    return float(np.sqrt(problem.mean_square(fit, air))) > _AIR_RATIO * found.left_by(fit)
+    air = ~touches(problem.motion.x) & (problem.whitener.mask > 0.0)
+    if not (fit.model.base.touches and np.any(air)):
+        return None
+    return float(np.sqrt(problem.mean_square(fit, air))) / found.left_by(fit)
 
 
 def _least_left(weighed: Diagnosis) -> float:
@@ -237,8 +239,13 @@ def _explains_more(other: Judged, made: Judged) -> bool:
     those of held-out blocks, on the samples in contact that both views use; of less than a
     twentieth of the first one's nothing follows. They differ by chance: an effect less is worth
     one parameter's term of the Bayesian information criterion. An effect that stands in for the
-    base's own spring counts twice.
+    base's own spring counts twice. A contact without free air, or whose air is none, does not
+    replace a fixed body.
     """
+    if not made.found.base.model.base.touches and other.found.base.model.base.touches:
+        air = _air_ratio(other.found)
+        if air is None or air > _AIR_RATIO:
+            return False
     found = [one.blocks.predicted(one.found.predicts, 0.0) for one in (other, made)]
     used = [one.where > 0.0 for one in found]
     both = used[0] & used[1]
