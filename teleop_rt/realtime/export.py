@@ -157,6 +157,8 @@ def _layout(
         settings = {} if online is None else json.loads(online["settings"])
         lag_s = settings.get("paired_lag_s") or settings.get("force_lag_s", 0.0)
         layout |= {"valid": valid, "force_lag_ms": 1e3 * lag_s}
+        if (deviation_s := settings.get("force_lag_deviation_s", 0.0)) > 0.0:
+            layout["force_lag_deviation_ms"] = 1e3 * deviation_s
     return yaml.safe_dump(layout, sort_keys=False)
 
 

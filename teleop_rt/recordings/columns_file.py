@@ -107,6 +107,12 @@ class ColumnsFile(Section):
         le=1000,
         description="How late the force is known to come after the position; it is taken out.",
     )
+    force_lag_deviation_ms: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="Standard deviation of that lag; those of `identify` and `replay` contain it.",
+    )
 
 
 def load_columns(path: Path) -> ColumnsFile:

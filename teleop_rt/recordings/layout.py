@@ -35,7 +35,8 @@ class Layout:
     """Which column (or matrix element "name[2]") plays which role, with unit and sign.
 
     `valid` is a column that is 0 where a sample is missing, `force_lag_s` how late the force comes,
-    `surface` where the surface is, in the unit of the position, if that is known.
+    known to `force_lag_deviation_s`, `surface` where the surface is, in the unit of the position,
+    if that is known.
     """
 
     columns: Mapping[str, str]
@@ -44,6 +45,7 @@ class Layout:
     valid: str | None = None
     force_lag_s: float = 0.0
     surface: float | None = None
+    force_lag_deviation_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,8 @@ def layout_of(
 ) -> Layout:
     """Return the given layout, completed from NAME.columns.yaml beside the file if there is one.
 
-    The YAML file has `columns` and `units` by role, `rate_hz`, `valid`, `surface` and
-    `force_lag_ms`, which are those of its own position and force. A minus before a column's name
+    The YAML file has `columns` and `units` by role, `rate_hz`, `valid`, `surface`, `force_lag_ms`
+    and its deviation, which are those of its own position and force. A minus before a column's name
     turns its sign.
     """
     beside = path.with_name(path.stem + ".columns.yaml")
@@ -80,10 +82,17 @@ def layout_of(
         raise RecordingError(
             f"{path}: unknown role {', '.join(sorted(unknown))}; roles: {', '.join(UNITS)}"
         )
-    lag_ms = 0.0 if "force" in (columns or {}) else stated.force_lag_ms
+    lags_ms = (stated.force_lag_ms, stated.force_lag_deviation_ms)
+    lag_ms, deviation_ms = (0.0, 0.0) if "force" in (columns or {}) else lags_ms
     surface = None if "position" in (columns or {}) else stated.surface
     return Layout(
-        all_columns, all_units, rate_hz or stated.rate_hz, stated.valid, lag_ms * 1e-3, surface
+        all_columns,
+        all_units,
+        rate_hz or stated.rate_hz,
+        stated.valid,
+        lag_ms * 1e-3,
+        surface,
+        deviation_ms * 1e-3,
     )
 
 

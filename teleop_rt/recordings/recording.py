@@ -43,7 +43,8 @@ class Recording:
     is how far samples were taken from where they lie now, as a share of their period;
     `units_stated` where the file or the user says the units of position and force; `force_step` is
     the step in which the force was read before it was resampled, 0 where none is seen; `start_s` is
-    when a part of a longer recording begins in it.
+    when a part of a longer recording begins in it; the force's lag was taken out up to an error of
+    `force_lag_deviation_s`.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Recording:
     units_stated: bool = False
     force_step: float = 0.0
     start_s: float = 0.0
+    force_lag_deviation_s: float = 0.0
 
     @property
     def seconds(self) -> float:
@@ -117,7 +119,11 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         surface=_surface(found, layout),
         slowest_hz=_SLOWEST_STATED_HZ if stated else _SLOWEST_HZ,
     )
-    return replace(made, units_stated=position.stated and force.stated)
+    return replace(
+        made,
+        units_stated=position.stated and force.stated,
+        force_lag_deviation_s=layout.force_lag_deviation_s,
+    )
 
 
 def _surface(found: Mapping[str, Column], layout: Layout) -> float | None:

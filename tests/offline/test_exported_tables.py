@@ -5,6 +5,7 @@ import pytest
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_any
+from teleop_rt.offline.replay import Choice, online_of
 from teleop_rt.offline.table import Table
 from teleop_rt.realtime.export import export
 from teleop_rt_dev.trial.closed_loop import run_into
@@ -16,7 +17,8 @@ AS_IT_IS = Table({}, {}, None)
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "run"
-    run_into(folder, "duration_s=3.0", "rig.sensors.force_lag_ms=4.0", file=SILICONE)
+    lag = ("rig.sensors.force_lag_ms=4.0", "rig.sensors.force_lag_deviation_ms=0.3")
+    run_into(folder, "duration_s=3.0", *lag, file=SILICONE)
     return folder / "recording.mcap"
 
 
@@ -35,6 +37,15 @@ def test_samples_gaps_surface_and_the_forces_known_lag_are_carried_along(
     (tmp_path / "slave.columns.yaml").unlink()
     late = load_any(table, AS_IT_IS).force
     assert np.max(np.abs(late[: own.force.size] - own.force)) > 0.1, "the lag is seen"
+
+
+def test_deviations_contain_that_of_the_forces_lag_as_those_of_the_run(recording, tmp_path):
+    table = tmp_path / "slave.csv"
+    export(recording, table, "/slave")
+    own = online_of(recording, Choice(), AS_IT_IS).settings.force_lag_deviation_s
+    assert own >= 3e-4
+    read = online_of(table, Choice(), AS_IT_IS).settings
+    assert read.force_lag_deviation_s == pytest.approx(own, rel=1e-9)
 
 
 def test_the_masters_table_is_read_without_naming_its_columns(recording, tmp_path):
