@@ -105,15 +105,13 @@ def _late(row: Vector, steps: float, out: Vector) -> None:
         out[i] = nearer + share * (row[min(max(i - whole - 1, 0), last)] - nearer)
 
 
-def over_steps(velocity: Vector) -> Vector:
+def over_steps(x: Vector, dt: float) -> Vector:
     """Return the mean velocity since the sample before, by which a memory advances.
 
-    The velocity at the sample itself would advance it by half a sample, and look like a delay.
+    The velocity at the sample itself would advance it by half a sample, and look like a delay; a
+    smoothed one would round its reversals.
     """
-    found = velocity.copy()
-    found[1:] += velocity[:-1]
-    found[1:] *= 0.5
-    return found
+    return np.diff(x, prepend=x[:1]) / dt
 
 
 def rate_of(row: Vector, dt: float) -> Vector:
