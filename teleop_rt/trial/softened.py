@@ -43,7 +43,7 @@ def most_unfelt(trial: TrialConfig, master: Columns) -> dict[str, float] | None:
     """Return the moment of converged contact in which the felt force was most exceeded.
 
     A force of the slave arrives up to a round trip after the hand's own: it is compared with the
-    largest that was rendered since. None without such contact.
+    largest that was rendered since. None without such contact, or where nothing pressed.
     """
     rows = converged(trial, master)
     if not rows.any():
@@ -57,6 +57,8 @@ def most_unfelt(trial: TrialConfig, master: Columns) -> dict[str, float] | None:
     if not np.isfinite(beyond).any():
         return None
     at = int(np.nanargmax(beyond))
+    if not pressed[at] > 0.0:
+        return None
     began = master["stamp_ns"][np.flatnonzero(np.isfinite(master["stamp_ns"]))[0]]
     return {
         "pressed": float(pressed[at]),

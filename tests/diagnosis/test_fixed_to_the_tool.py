@@ -78,3 +78,15 @@ def test_a_stop_that_a_quick_stroke_meets_has_one_stiffness() -> None:
         "stribeck_friction",
     }
     assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(1.5e5, rel=0.02)
+
+
+def test_damage_of_a_fixed_specimen_is_no_bias_of_a_contact() -> None:
+    """A surface at the outer end of the stroke, with a bias, is the fixed body on fewer samples."""
+    t = 0.005 * np.arange(4000)
+    x = 0.03 * np.sin(2.0 * np.pi * 0.23 * t) + 0.01 * np.sin(2.0 * np.pi * 0.71 * t + 1.0)
+    x += 1.2e-4 * t
+    lost = np.where(np.abs(x) < 0.98 * np.maximum.accumulate(np.abs(x)), 0.06, 0.0)
+    force = 700.0 * x * (1.0 - lost) + 200.0 * np.gradient(x, 0.005)
+    answer = diagnose(_recorded(t, x, force, 0.2)).answer
+    assert answer["base"]["model"] == "spring,viscous,bias"
+    assert "force_bias" not in {name for names in answer["class"] for name in names}

@@ -50,3 +50,4 @@ def test_a_force_that_comes_back_a_round_trip_late_is_compared_with_the_one_felt
     assert found["share"] == pytest.approx(5.0 / 35.0, rel=0.01)
     assert 6.2 <= found["at_s"] < 6.65
     assert most_unfelt(trial, {key: values[:400] for key, values in columns.items()}) is None
+    assert most_unfelt(trial, columns | {"reflected_force": 0.0 * wave}) is None
