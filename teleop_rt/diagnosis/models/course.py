@@ -143,7 +143,7 @@ def _run(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> V
     """Return the effect's value at every sample."""
 
     def make() -> Vector:
-        v = over_steps(place.x, motion.dt) if effect.state_size else place.v
+        v = over_steps(place.v) if effect.state_size else place.v
         return run_step(effect, place.x, v, motion.a, motion.t, motion.dt, eta)
 
     if place.shift is None:

@@ -105,13 +105,15 @@ def _late(row: Vector, steps: float, out: Vector) -> None:
         out[i] = nearer + share * (row[min(max(i - whole - 1, 0), last)] - nearer)
 
 
-def over_steps(x: Vector, dt: float) -> Vector:
+def over_steps(velocity: Vector) -> Vector:
     """Return the mean velocity since the sample before, by which a memory advances.
 
-    The velocity at the sample itself would advance it by half a sample, and look like a delay; a
-    smoothed one would round its reversals.
+    The velocity at the sample itself would advance it by half a sample, and look like a delay.
     """
-    return np.diff(x, prepend=x[:1]) / dt
+    found = velocity.copy()
+    found[1:] += velocity[:-1]
+    found[1:] *= 0.5
+    return found
 
 
 def rate_of(row: Vector, dt: float) -> Vector:
