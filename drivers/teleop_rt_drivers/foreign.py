@@ -15,6 +15,7 @@ from pydantic import ConfigDict, model_validator
 
 from teleop_rt.axis import Axis
 from teleop_rt.config.rig import AxisConfig, RigConfig
+from teleop_rt_drivers.in_words import of_a_signal
 
 GROUP = "teleop_rt.drivers"
 
@@ -43,7 +44,9 @@ def foreign_drivers(ours: set[str]) -> dict[str, Driver]:
 def _load(point: EntryPoint) -> Driver:
     try:
         driver = point.load()
-    except Exception as error:  # noqa: BLE001 - whatever another's module raises
+    except BaseException as error:
+        if of_a_signal(error):
+            raise
         return _unusable(point, f"{type(error).__name__}: {error}")
     if not isinstance(driver, Driver):
         return _unusable(point, f"{point.value} is no teleop_rt_drivers.foreign.Driver")

@@ -30,8 +30,8 @@ class StampedAxis(ForeignAxis):
         self._good = Sample()
 
     def read_into(self, sample: Sample) -> None:
-        """Latch the next sample. Raises EndOfRecording, and whatever the driver raises."""
-        self._axis.read_into(sample)
+        """Latch the next sample. Raises EndOfRecording, and the driver's errors as Exception."""
+        super().read_into(sample)
         if not sample.valid:
             return
         sample.stale = self._wrong(sample)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from teleop_rt.axis import AxisError, EndOfRecording, Sample
-from teleop_rt_drivers.in_words import ForeignAxis, in_words
+from teleop_rt.interrupts import Interrupts
+from teleop_rt_drivers.in_words import EndedProgram, ForeignAxis, in_words
 from teleop_rt_drivers.stamped import StampedAxis
 
 README = Path(__file__).parents[2] / "drivers" / "README.md"
@@ -189,6 +191,49 @@ def test_an_error_of_another_s_driver_is_a_message_with_its_place(call):
     assert str(raised.value).startswith(said)
     assert str(raised.value).endswith("; correct it there, then start again")
     assert axis.heard == ([call, "stop"] if call == "arm" else [call])
+
+
+class Ending:
+    """An axis whose every call raises `error`, or sends the signal of Ctrl-C."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def __getattr__(self, name):
+        def method(*_):
+            if self._error is None:
+                signal.raise_signal(signal.SIGINT)
+            raise self._error
+
+        return method
+
+
+@pytest.mark.parametrize("error", [SystemExit(3), KeyboardInterrupt("mine"), GeneratorExit()])
+def test_a_driver_that_ends_the_program_is_an_error_like_any_other(error):
+    axis = StampedAxis(Ending(error), "ramp", lambda: 0, MS)
+    said = f"{type(error).__name__}: {error}"
+    with Interrupts():
+        for call, values in (("read_into", [Sample()]), ("write", [0.0])):
+            with pytest.raises(EndedProgram) as raised:
+                getattr(axis, call)(*values)
+            assert str(raised.value) == said
+        for call in ("configure", "arm", "stop", "close"):
+            with pytest.raises(AxisError, match=f"the driver ramp raised {type(error).__name__}"):
+                getattr(axis, call)()
+
+
+@pytest.mark.parametrize(("call", "values"), [("read_into", [Sample()]), ("stop", [])])
+def test_an_interrupt_that_comes_within_a_driver_is_no_error_of_it(call, values):
+    axis = StampedAxis(Ending(None), "ramp", lambda: 0, MS)
+    with Interrupts(), pytest.raises(KeyboardInterrupt):
+        getattr(axis, call)(*values)
+
+
+def test_a_package_that_ends_the_program_when_loaded_is_reported(installed, tmp_path):
+    folder, site = installed
+    (tmp_path / "spring_rig.py").write_text("raise SystemExit('no licence')\n")
+    done = run(folder, tmp_path, site, program="print(1)\n" + READ)
+    assert "cannot be loaded: SystemExit: no licence" in done.stderr
 
 
 def test_a_refusal_of_another_s_driver_and_the_end_of_its_recording_stay_what_they_are():
