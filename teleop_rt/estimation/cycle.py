@@ -147,10 +147,11 @@ def judge(state: index.BankState) -> None:
 def watch_over(state: index.BankState, force: float) -> None:
     """Watch the residual of the selected row, by its present parameters.
 
-    Frozen parameters are worse in the first seconds because of missing data, not of the model.
+    Frozen parameters are worse in the first seconds because of missing data, not of the model. A
+    hand that holds ends no excursion and so freezes none, but the master renders the row all along.
     """
     chosen = int(state.choice[selection.SELECTED])
-    if chosen < 0 or state.records[chosen, selection.HAS_FROZEN] == 0.0:
+    if chosen < 0:
         watch.end_stretch(state.watch)
         return
     watch.turn_to(state.watch, chosen)

@@ -49,6 +49,7 @@ _SIGNALS = {
         "in_contact",
         "contact_id",
         "surface",
+        "selected",
         "inadequate",
         "predicted_force",
         "wake_latency_us",
@@ -76,7 +77,10 @@ def summarise(
     master = rows_to_compare(slave, topics.get("/master", {}))
     truth = read_truth(folder)
     replayed = replay_estimators(trial, slave)
-    adequacy, timing = _adequacy(slave, trial.rig.period_ns * 1e-9), _timing(trial, slave, outcome)
+    adequacy, timing = (
+        adequacy_of(slave, trial.rig.period_ns * 1e-9),
+        _timing(trial, slave, outcome),
+    )
     summary = {
         "trial": trial.name,
         "began_at": began_at(folder),
@@ -117,7 +121,7 @@ def _timing(
     }
 
 
-def _adequacy(slave: Mapping[str, Array], period_s: float) -> dict[str, Any]:
+def adequacy_of(slave: Mapping[str, Array], period_s: float) -> dict[str, Any]:
     """Return whether the selected model left structure in the force, when, and for how long."""
     flags = slave.get("inadequate", np.empty(0)) > 0
     contact = slave.get("in_contact", np.empty(0)) > 0
@@ -136,10 +140,14 @@ def _adequacy(slave: Mapping[str, Array], period_s: float) -> dict[str, Any]:
 
 
 def _judged(slave: Mapping[str, Array], period_s: float) -> bool:
-    """Return whether the daemon saw enough of a selected model in contact to judge it."""
+    """Return whether the daemon saw enough in contact of the model last selected to judge it."""
     if "predicted_force" not in slave:
         return False
     watched = np.isfinite(slave["predicted_force"]) & (slave["in_contact"] > 0)
+    selected = slave["selected"]
+    known = np.flatnonzero(np.isfinite(selected))
+    others = known[selected[known] != selected[known[-1]]] if known.size else known
+    watched[: others[-1] + 1 if others.size else 0] = False
     ends = np.flatnonzero(np.diff(watched, prepend=False, append=False))
     blocks = ((ends[1::2] - ends[::2]) * period_s / watch.BLOCK_S).astype(int)
     return float(np.sum(blocks)) * watch.BLOCK_S >= watch.LEAST_S

@@ -71,7 +71,8 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         mark = "*" if all(selected.get(key) == row.get(key) for key in KEYS) else " "
         name = ", ".join(row[key] for key in KEYS[:3])
         name += f", effects {row['effects']}" if row.get("effects") else ""
-        nrmse, settled = _number(row["nrmse"], "", 3), _number(row["convergence_s"], " s", 3)
+        nrmse = "not judged" if row["nrmse"] is None else _number(row["nrmse"], "", 3)
+        settled = _number(row["convergence_s"], " s", 3)
         status = row["status"] + (SURFACE_ANEW if row["status"] == UNCERTAIN else "")
         yield f"{mark} {name}: {status}, NRMSE {nrmse}, settled after {settled}"
         for parameter, value in row["parameters"].items():
@@ -102,13 +103,16 @@ def _number(value: float | None, unit: str, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}g}{unit}"
 
 
-def _model(summary: Mapping[str, Any]) -> str:
+def model_in_words(summary: Mapping[str, Any]) -> str:
     """Return the line on the selected model: the reason of its grade, whichever it is."""
     if not summary["selected"]:
         return f"none selected: {summary['contact'].get('reason', 'no contact')}"
-    error, said = selected_nrmse(summary), _adequacy(summary["adequacy"])
-    if error is not None and of_error(error) != "good":
-        return f"{said}; misses the force by {in_percent(error)} of its range"
+    error, adequacy = selected_nrmse(summary), summary["adequacy"]
+    said, grade = _adequacy(adequacy), of_error(error)
+    if error is not None and grade != "good":
+        missed = f"misses the force by {in_percent(error)} of its range"
+        unseen = grade == "bad" and not adequacy["inadequate"]
+        return f"inadequate: it {missed}" if unseen else f"{said}; {missed}"
     return said
 
 
@@ -205,7 +209,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *([("felt of a stiff wall", said)] if (said := softened(master, units)) else []),
         *worst_lines(summary, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
-        ("model", _model(summary)),
+        ("model", model_in_words(summary)),
         ("link", packets_in_words(link)),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}{escape(reported)}"),

@@ -12,6 +12,18 @@ from teleop_rt_dev.estimation.plant import Press, hunt_crossley, kelvin_voigt, r
 from . import cube_rig
 
 PRESS = Press(duration=6.0)
+
+
+class Hold(Press):
+    """A tool that presses once and then sinks in slowly: no excursion ever ends."""
+
+    def position(self, t):
+        down = np.minimum(t / self.ramp, 1.0)
+        depth = -0.005 + down * down * (3.0 - 2.0 * down) * (self.mean + 0.005)
+        return self.surface + depth + 1e-3 * np.maximum(t - self.ramp, 0.0)
+
+
+HOLD = Hold(duration=5.0)
 SETTINGS = dataclasses.replace(cube_rig.SETTINGS, onset_force=0.4, release_force=0.2)
 
 
@@ -63,6 +75,15 @@ def test_a_missing_effect_raises_the_alarm_and_keeps_it(missing):
     found = alarms(lambda x, v: kelvin_voigt(x, v) + missing(x, v))
     assert found[2500:].any()
     assert found[-1]
+
+
+def stiffening(x, v):
+    return kelvin_voigt(x, v) + np.where(x > 0, 2e6 * np.maximum(x - 0.008, 0.0) ** 2, 0.0)
+
+
+def test_a_model_that_is_in_use_is_judged_though_the_hand_only_holds():
+    assert alarms(stiffening, press=HOLD)[-1]
+    assert not any(alarms(kelvin_voigt, seed, press=HOLD).any() for seed in range(10))
 
 
 def test_a_model_that_does_fit_takes_the_alarm_back():

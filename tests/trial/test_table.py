@@ -1,0 +1,40 @@
+"""The sentences of the summary on a terminal: none promises more than was judged."""
+
+import numpy as np
+import pytest
+
+from teleop_rt.trial.summary import adequacy_of
+from teleop_rt.trial.table import estimator_lines, model_in_words
+
+ROW = {"model": "kelvin-voigt", "regression": "direct", "solver": "rls"}
+ADEQUATE = {"inadequate": False, "raised": False, "first_raised_s": None}
+
+
+def summary(nrmse, adequacy):
+    row = ROW | {"nrmse": nrmse, "convergence_s": 5.9, "status": "estimated", "parameters": {}}
+    return {"selected": ROW, "estimators": [row], "adequacy": adequacy, "contact": {}}
+
+
+def test_an_estimator_whose_predictions_were_not_judged_is_said_to_be_so():
+    (line,) = estimator_lines(summary(None, ADEQUATE))
+    assert "NRMSE not judged" in line
+
+
+@pytest.mark.parametrize(
+    ("nrmse", "said"),
+    [
+        (0.01, "adequate"),
+        (0.05, "adequate; misses the force by 5 % of its range"),
+        (8.2, "inadequate: it misses the force by 820 % of its range"),
+    ],
+)
+def test_a_model_that_misses_the_force_is_never_called_adequate(nrmse, said):
+    assert model_in_words(summary(nrmse, ADEQUATE)) == said
+
+
+@pytest.mark.parametrize(("changed_at", "inadequate"), [(0, False), (1600, None)])
+def test_a_model_is_adequate_only_if_it_was_in_use_long_enough(changed_at, inadequate):
+    slave = {"predicted_force": np.ones(2000), "in_contact": np.ones(2000)}
+    slave |= {"inadequate": np.zeros(2000), "selected": np.arange(2000) >= changed_at}
+    slave["selected"] = slave["selected"].astype(float)
+    assert adequacy_of(slave, 1e-3)["inadequate"] is inadequate
