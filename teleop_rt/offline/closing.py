@@ -22,6 +22,7 @@ from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.experiment import Reach
 from teleop_rt.diagnosis.diagnose import diagnose, narrowed, predicted_on
 from teleop_rt.diagnosis.draft.drafted import Drafted
+from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.report import KEYS
 from teleop_rt.offline.carry_over import Diagnosed, carried_over, holds_farther
 from teleop_rt.offline.drafting import write_draft
@@ -142,18 +143,29 @@ def _on_fresh_trial(
     added = [] if draft is None else [f"effects_file={draft.file.resolve()}"]
     before = run(alone, out / "before")
     after = run([*alone, *added, f"extended_model={model.resolve()}"], out / "after")
-    unseen = load_any(out / "after" / RECORDING, _OWN)
-    diagnosed = found.diagnosed.diagnosis
-    predicted = draft.predicted(unseen) if draft else predicted_on(diagnosed, unseen, named=True)
     errors = {
         "changes": fresh,
-        "slave": _on_slave(predicted.shown_errors, before, after),
+        "slave": _on_slave(in_free_run(out / "after", found, draft), before, after),
         "master": _at_hand(before, after),
         "handled": handled(chosen, library),
     }
     runs = (out / "before" / RECORDING, out / "after" / RECORDING)
     why = partial(cause_of_error, *runs, trial.rig.units.force)
     return {"fresh": errors} | keep_or_withdraw(model, errors, why)
+
+
+def in_free_run(folder: Path, found: EffectsFound, draft: Drafted | None) -> dict[str, Any]:
+    """Return the errors of the force predicted on a run; without figures where nothing can be."""
+    diagnosed = found.diagnosed.diagnosis
+    try:
+        unseen = load_any(folder / RECORDING, _OWN)
+        predicted = (
+            draft.predicted(unseen) if draft else predicted_on(diagnosed, unseen, named=True)
+        )
+    except RecordingError as error:  # the runs are finished: their other errors are not lost
+        none = dict.fromkeys(("before", "after", "noise_floor"))
+        return {"metric": "nrmse", **none, "reason": str(error)}
+    return predicted.shown_errors
 
 
 def _diagnose(

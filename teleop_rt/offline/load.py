@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -167,9 +167,10 @@ def load_any(path: Path, table: Table) -> Recording:
     del stamps, position, force, fresh
     columns["time"] = (columns["time"] - columns["time"][0]) * 1e-9
     columns["force"] = without_lag(columns["time"], columns["force"], settings.force_lag_s)
-    return from_columns(
+    made = from_columns(
         path.name,
         columns,
         units=(metadata["position_unit"], metadata["force_unit"]),
         surface=surface,
     )
+    return replace(made, run=str(path))

@@ -44,7 +44,7 @@ class Recording:
     `units_stated` where the file or the user says the units of position and force; `force_step` is
     the step in which the force was read before it was resampled, 0 where none is seen; `start_s` is
     when a part of a longer recording begins in it; the force's lag was taken out up to an error of
-    `force_lag_deviation_s`.
+    `force_lag_deviation_s`; `run` is the file of a run, whose rig knows the signs, else empty.
     """
 
     name: str
@@ -62,6 +62,7 @@ class Recording:
     force_step: float = 0.0
     start_s: float = 0.0
     force_lag_deviation_s: float = 0.0
+    run: str = ""
 
     @property
     def seconds(self) -> float:

@@ -238,3 +238,16 @@ def test_a_nearest_set_that_errs_less_is_said_to_hold_a_law_of_time() -> None:
     assert "a law of time (force_drift)" in note
     assert of_nearest(found, answer | {"nearest": {"after": 0.03}}) == []
     assert of_nearest(found, answer | {"nearest": None}) == []
+
+
+@pytest.mark.parametrize("turned", ["force", "both"])
+def test_of_a_run_whose_rig_knows_the_signs_no_column_is_to_be_turned(turned: str) -> None:
+    recording = replace(outside_the_library(), run="runs/now/recording.mcap")
+    recording = replace(recording, force=-recording.force)
+    if turned == "both":
+        recording = replace(recording, position=-recording.position)
+    with pytest.raises(RecordingError) as raised:
+        diagnose(recording, "kelvin-voigt", surface=0.0)
+    said = str(raised.value)
+    assert said.startswith("runs/now/recording.mcap: moving surface? beyond the surface")
+    assert "-NAME" not in said

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from teleop_rt.config.section import Units
+from teleop_rt.errors import RecordingError
+from teleop_rt.offline import closing
 from teleop_rt.offline.on_line_error import cause_of_error
 from teleop_rt.offline.withdrawal import keep_or_withdraw, made_worse
 from teleop_rt.realtime.recording import RecordingWriter
@@ -98,3 +102,17 @@ def test_the_error_on_line_is_settling_noise_or_slow(tmp_path, early, late, nois
     for name, error in errors.items():
         write(tmp_path / name, t, force, force - error)
     assert re.search(words, cause_of_error(tmp_path / "before", tmp_path / "after", "N"))
+
+
+def test_a_fresh_run_on_which_nothing_can_be_predicted_keeps_its_other_errors(monkeypatch):
+    def refused(*_):
+        raise RecordingError("recording.mcap: moving surface?")
+
+    monkeypatch.setattr(closing, "load_any", refused)
+    found = SimpleNamespace(diagnosed=SimpleNamespace(diagnosis=None))
+    error = closing.in_free_run(Path("after"), found, None)
+    assert (error["before"], error["after"]) == (None, None)
+    assert error["reason"] == "recording.mcap: moving surface?"
+    errors = fresh(on_line=(0.01, 0.08))
+    errors["slave"]["free_run"] = error
+    assert made_worse(errors) == ["force predicted on-line, 0.0100 before, is 0.0800 after"]

@@ -211,14 +211,20 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             " deeper, or with a finer encoder"
         )
     free = recording.force[penetration < 0.0]
-    if free.size < MIN_CONTACT_SAMPLES:
-        return
-    in_air, in_contact = (
-        float(np.ptp(bulk(row))) for row in (free, recording.force[touches(penetration)])
-    )
+    if free.size >= MIN_CONTACT_SAMPLES:
+        _refuse_force_in_air(recording, free, recording.force[touches(penetration)])
+
+
+def _refuse_force_in_air(recording: Recording, free: Vector, contact: Vector) -> None:
+    """Raise RecordingError where the force is that of free air beyond the surface.
+
+    The rig of a run knows its signs: there the surface is elsewhere, and no column can be turned.
+    """
+    in_air, in_contact = (float(np.ptp(bulk(row))) for row in (free, contact))
     if in_air > _AIR_FORCE_RATIO * in_contact:
+        _refuse_moved_surface(recording, f"varies by {in_contact:.3g}, in free air by {in_air:.3g}")
         low, high = bulk(free)
-        untouched = float(np.median(recording.force[touches(penetration)]))
+        untouched = float(np.median(contact))
         presses = high - untouched > untouched - low
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force varies by {in_contact:.3g}, in"
@@ -228,14 +234,25 @@ def refuse_unlearnable(recording: Recording, penetration: Vector, noise: float) 
             f" --columns position=-NAME{'' if presses else ' force=-NAME'}, or check --surface;"
             f" {NO_CONTACT_HERE}"
         )
-    pressed = float(np.median(recording.force[touches(penetration)]) - np.median(free))
+    pressed = float(np.median(contact) - np.median(free))
     least = _SIGMAS * force_noise(recording.force, recording.force_step)
     if -pressed > max(least, _PULL_RATIO * float(np.ptp(recording.force))):
+        _refuse_moved_surface(recording, f"is {pressed:.3g} {recording.units[1]} against free air")
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force is {pressed:.3g}"
             f" {recording.units[1]} against free air, but it counts positive when the tool presses;"
             " turn it with a minus before the column's name, --columns force=-NAME;"
             f" {NO_CONTACT_HERE}"
+        )
+
+
+def _refuse_moved_surface(recording: Recording, force: str) -> None:
+    """Raise RecordingError for the recording of a run with such a force beyond its surface."""
+    if recording.run:
+        raise RecordingError(
+            f"{recording.run}: moving surface? beyond the surface that the run found last the force"
+            f" {force}: the body moved during the run, or its surface was taken for another; run"
+            " again with the body at rest, or diagnose with its true --surface"
         )
 
 
