@@ -28,6 +28,23 @@ def nrmse(measured: Signal, predicted: Signal) -> float | None:
     return float(np.sqrt(np.mean((reference - predicted[whole]) ** 2)) / span)
 
 
+def error_of_size(true: Signal, felt: Signal) -> float | None:
+    """Return the root-mean-square error over the size of `true`: its range, or its largest value.
+
+    The larger of the two: a hand that holds feels a force that hardly moves, of which it notices a
+    share (Weber's law), as it does of a force that swings from none. Both of shape (n,); samples
+    where either is not finite are left out. None where fewer than two are left, or `true` is zero.
+    """
+    whole = np.isfinite(true) & np.isfinite(felt)
+    if np.count_nonzero(whole) < 2:
+        return None
+    reference = true[whole]
+    size = max(float(np.ptp(reference)), float(np.max(np.abs(reference))))
+    if size <= 0.0:
+        return None
+    return float(np.sqrt(np.mean((reference - felt[whole]) ** 2)) / size)
+
+
 def in_percent(share: float, digits: int = 2) -> str:
     """Return a share in percent, as a plain number of so many digits: 120 %, not 1.2e+02 %."""
     return f"{float(f'{100.0 * share:.{digits}g}'):g} %"
@@ -39,8 +56,8 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
     The correlation coefficient is computed for each lag in +-max_lag_s over the samples that
     overlap and are finite in both, so neither the ends nor gaps pull the peak; a parabola
     through the peak and its neighbours gives the fraction of a sample. None where there is too
-    little overlap, no variation to correlate, or a second peak nearly as high: a motion that
-    repeats itself determines its lag only up to whole periods.
+    little overlap, no variation to correlate, no peak within the search but its edge, or a second
+    peak nearly as high: a motion that repeats itself determines its lag only up to whole periods.
     """
     most = min(round(max_lag_s / period_s), reference.size - 2)
     if most < 1:
@@ -49,14 +66,12 @@ def lag_s(reference: Signal, delayed: Signal, period_s: float, max_lag_s: float)
     if not np.any(np.isfinite(correlation)):
         return None
     peak = int(np.nanargmax(correlation))
-    if _rivalled(correlation, peak):
+    at_edge = not 0 < peak < 2 * most or not np.isfinite(correlation[peak - 1 : peak + 2]).all()
+    if at_edge or _rivalled(correlation, peak):
         return None
-    fraction = 0.0
-    if 0 < peak < 2 * most:
-        before, at, after = correlation[peak - 1 : peak + 2]
-        curvature = before - 2 * at + after
-        if np.isfinite(curvature) and curvature < 0:
-            fraction = float(0.5 * (before - after) / curvature)
+    before, at, after = correlation[peak - 1 : peak + 2]
+    curvature = before - 2 * at + after
+    fraction = float(0.5 * (before - after) / curvature) if curvature < 0 else 0.0
     return (peak - most + fraction) * period_s
 
 

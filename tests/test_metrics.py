@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from teleop_rt.metrics import in_percent, lag_s, nrmse
+from teleop_rt.metrics import error_of_size, in_percent, lag_s, nrmse
 
 
 def contact_force(t):
@@ -34,6 +34,21 @@ def test_lag_of_a_motion_that_repeats_itself_is_unknown():
 
 def test_lag_of_a_constant_is_unknown():
     assert lag_s(np.ones(1000), np.ones(1000), 1e-3, 0.1) is None
+
+
+def test_a_lag_at_the_edge_of_its_search_is_unknown():
+    t = np.arange(0, 12, 1e-3)
+    creep = 12.6 + 0.05 * t
+    assert lag_s(creep, 12.7 + 0.001 * t**2, 1e-3, 0.5) is None
+    assert lag_s(contact_force(t), contact_force(t - 0.6), 1e-3, 0.5) != pytest.approx(0.5)
+
+
+def test_the_error_of_a_force_that_hardly_moves_is_a_share_of_the_force():
+    held = np.array([12.7, 12.75, 12.7, np.nan])
+    assert error_of_size(held, held - 0.1) == pytest.approx(0.1 / 12.75)
+    swung = np.array([0.0, 10.0, -10.0])
+    assert error_of_size(swung, swung + 1.0) == nrmse(swung, swung + 1.0)
+    assert error_of_size(np.zeros(5), np.ones(5)) is None
 
 
 def test_nrmse_is_equation_4_1():

@@ -13,13 +13,13 @@ class TruePort(Keys):
     """True felt force of a simulated hand, against the environment's in converged contact."""
 
     motor_nrmse: float | None
-    """Error of the motor's force as a share of the range [1]; null where it is not defined."""
+    """Error of the motor's force as a share, like `nrmse` below [1]; null where not defined."""
     motor_lag_ms: float | None
-    """Lag of the motor's force [ms]; null where the motion repeats itself."""
+    """Lag of the motor's force [ms]; null where no lag within the search fits best."""
     hand_nrmse: float | None
-    """Error of the hand's force as a share of the range [1]; null where it is not defined."""
+    """Error of the hand's force as a share, like `nrmse` below [1]; null where not defined."""
     hand_lag_ms: float | None
-    """Lag of the hand's force [ms]; null where the motion repeats itself."""
+    """Lag of the hand's force [ms]; null where no lag within the search fits best."""
 
 
 class WorstFelt(Keys):
@@ -54,9 +54,11 @@ class FeltForce(Keys):
     """The rendered force of the master, against the true environment in converged contact."""
 
     nrmse: float | None
-    """Error of the rendered force as a share of the range [1]; null without a reference."""
+    """Error of the rendered force as a share of the true one's range, or of its largest value where
+    that is larger [1]; null without a reference."""
     lag_ms: float | None
-    """Lag of the rendered force [ms]; null without a reference, or where the motion repeats."""
+    """Lag of the rendered force [ms]; null without a reference, or where no lag within the search
+    fits best: the motion repeats itself, or the force hardly moves."""
     direct_reflection_lag_ms: float | None
     """Lag that the slave's force reflected directly would have had [ms]; null like lag_ms."""
     worst: WorstFelt | None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation import watch
-from teleop_rt.metrics import lag_s, nrmse
+from teleop_rt.metrics import error_of_size, lag_s
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
 from teleop_rt.trial.estimators import Replayed, replay_estimators
@@ -239,7 +239,7 @@ def _error_and_lags(trial: TrialConfig, felt: Felt) -> dict[str, Any]:
     period_s = 1.0 / trial.master.rate_hz
     in_contact = felt.converged & ((felt.true > 0.0) | (felt.rendered > 0.0))
     result: dict[str, Any] = {
-        "nrmse": nrmse(
+        "nrmse": error_of_size(
             np.where(in_contact, felt.true, np.nan), np.where(in_contact, felt.rendered, np.nan)
         )
     }
@@ -254,7 +254,8 @@ def _error_and_lags(trial: TrialConfig, felt: Felt) -> dict[str, Any]:
         unknown += [key] if lag is None else []
     if unknown:
         result["reason"] = (
-            f"{' and '.join(unknown)}: the motion repeats itself within the lags that are searched"
+            f"{' and '.join(unknown)}: no lag within the search fits best: the force hardly moves, "
+            "or the motion repeats itself"
         )
     return result
 

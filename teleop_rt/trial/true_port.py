@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config.trial import TrialConfig
-from teleop_rt.metrics import lag_s, nrmse
+from teleop_rt.metrics import error_of_size, lag_s
 from teleop_rt.trial.felt_force import EnvironmentForce
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def true_port(
         felt = at[f"{name}_force"] / trial.master.force_scale
         counts = converged & ((true_force > 0.0) | (master["rendered_force"] > 0.0))
         lag = lag_s(true_force[converged], felt[converged], period_s, LAG_MARGIN_S)
-        result[f"{name}_nrmse"] = nrmse(
+        result[f"{name}_nrmse"] = error_of_size(
             np.where(counts, true_force, np.nan), np.where(counts, felt, np.nan)
         )
         result[f"{name}_lag_ms"] = None if lag is None else 1e3 * lag
