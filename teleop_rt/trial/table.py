@@ -160,13 +160,13 @@ def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
     """Give the worst of the whole run, which no mean shows."""
     felt, met = summary["master"].get("worst"), summary["contact"].get("worst") or {}
-    if felt is not None and felt["phantom_force"] is not None:
-        phantom = "none"
-        if felt["phantom_force"] > 0.0:
+    if felt is not None and felt["force_error"] is not None:
+        phantom = "not judged" if felt["phantom_force"] is None else "none"
+        if (felt["phantom_force"] or 0.0) > 0.0:
             most = _number(felt["phantom_force"], f" {units.force}", 3)
             phantom = f"at most {most} (at {felt['phantom_s']:.1f} s)"
         error = _number(felt["force_error"], f" {units.force}", 3)
-        largest = f"largest error anywhere {error} (at {felt['force_error_s']:.1f} s)"
+        largest = f"largest error since the first touch {error} (at {felt['force_error_s']:.1f} s)"
         yield "felt force: in free air", f"{phantom}; {largest}"
     if met.get("surface_error") is not None:
         scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")

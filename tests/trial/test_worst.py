@@ -30,7 +30,11 @@ def test_a_wall_that_is_not_there_counts_before_contact_has_converged_too():
 
 @pytest.mark.parametrize(
     ("phantom", "words"),
-    [(0.0, "none; largest"), (1.5, "at most 1.5 N (at 5.2 s)")],
+    [
+        (None, "not judged; largest error since the first touch 11.1 N"),
+        (0.0, "none; largest"),
+        (1.5, "at most 1.5 N (at 5.2 s)"),
+    ],
 )
 def test_a_phantom_of_no_force_has_no_time(phantom, words):
     felt = {"phantom_force": phantom, "phantom_s": 5.2, "force_error": 11.1, "force_error_s": 1.0}
