@@ -163,6 +163,18 @@ DRIVER = Fault(
     "the driver raised an error",
     "correct the driver by the traceback in log.jsonl, then reset and arm",
 )
+FORCE_INVALID = Fault(
+    37,
+    "force_invalid",
+    "the driver gave a force that is no finite number",
+    "correct the driver or check the force sensor's wiring, then reset and arm",
+)
+POSITION_INVALID = Fault(
+    38,
+    "position_invalid",
+    "the driver gave a position that is no finite number",
+    "correct the driver or check the encoder's wiring, then reset and arm",
+)
 FIRST_OF_AXIS = 20
 """The code of an axis's first fault; the others follow in its order."""
 _AXIS_FAULTS = {
@@ -249,6 +261,8 @@ FAULTS = {
         DRIVE_SILENT,
         POSITION_REPEATED,
         DRIVER,
+        FORCE_INVALID,
+        POSITION_INVALID,
         *_AXIS_FAULTS.values(),
     )
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 from teleop_rt.axis import Sample, SampleFields
@@ -26,6 +27,7 @@ _NONE, _STOP = int(hazards.Demand.NONE), int(hazards.Demand.STOP)
 _IN_TIME, _LATE_STOP = int(lateness.IN_TIME), int(lateness.LATE_STOP)
 _LATE_TICKS, _SAMPLES_LOST = faults.LATE_TICKS.code, faults.SAMPLES_LOST.code
 _FORCE_LIMIT, _POSITION_LIMIT = faults.FORCE_LIMIT.code, faults.POSITION_LIMIT.code
+_FORCE_INVALID, _POSITION_INVALID = faults.FORCE_INVALID.code, faults.POSITION_INVALID.code
 
 
 @kernel
@@ -74,10 +76,10 @@ def reason_to_stop(tick: Tick, late: int, lost: int) -> int:
     if lost == _STOP:
         return _SAMPLES_LOST
     if hazards.force_exceeded(tick.force, tick.force_max) == _STOP:
-        return _FORCE_LIMIT
+        return _FORCE_LIMIT if math.isfinite(tick.force) else _FORCE_INVALID
     ends = tick.position_min, tick.position_max
     if hazards.position_exceeded(tick.position, *ends, tick.homed > 0) == _STOP:
-        return _POSITION_LIMIT
+        return _POSITION_LIMIT if math.isfinite(tick.position) else _POSITION_INVALID
     return 0
 
 

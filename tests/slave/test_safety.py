@@ -116,8 +116,10 @@ def test_every_fault_of_the_axis_stops_and_is_named(fault):
         ("force", -101.0, faults.FORCE_LIMIT),
         ("position", 0.0551, faults.POSITION_LIMIT),
         ("position", -0.0551, faults.POSITION_LIMIT),
-        ("position", math.nan, faults.POSITION_LIMIT),
-        ("force", math.nan, faults.FORCE_LIMIT),
+        ("position", math.nan, faults.POSITION_INVALID),
+        ("position", math.inf, faults.POSITION_INVALID),
+        ("force", math.nan, faults.FORCE_INVALID),
+        ("force", -math.inf, faults.FORCE_INVALID),
     ],
 )
 def test_a_measured_limit_stops(field, value, fault):
