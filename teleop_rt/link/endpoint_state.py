@@ -12,10 +12,10 @@ from teleop_rt.link.sessions import RECONNECT_AFTER_NS, Sessions
 from teleop_rt.link.statistics import Statistics
 from teleop_rt.link.troubles import (
     CLOCK_TROUBLE,
-    NOTHING_TROUBLE,
     TAKEN_TROUBLE,
     TROUBLES,
     first_refusal,
+    silent_trouble,
 )
 
 NOTHING_AFTER_NS = 2_000_000_000
@@ -66,7 +66,7 @@ class EndpointState(Mailbox):
         """The reason why the link is not connected, as a sentence; None while it is."""
         if self.connected:
             return TROUBLES[CLOCK_TROUBLE][1] if self._numbers[intake.IS_STALE] else None
-        return TROUBLES[self._refusal() or NOTHING_TROUBLE][1]
+        return TROUBLES[self._refusal() or silent_trouble(self.statistics)][1]
 
     def trouble_code(self, now_ns: int) -> int:
         """Return the index of the trouble in TROUBLES; 0 while there is none, or none yet.
@@ -78,7 +78,7 @@ class EndpointState(Mailbox):
         if (is_recent and sessions.current is not None) or sessions.stands(now_ns):
             return CLOCK_TROUBLE if self._numbers[intake.IS_STALE] else 0
         silent = self.silence_ns(now_ns) > NOTHING_AFTER_NS
-        return self._refusal() or (NOTHING_TROUBLE if silent else 0)
+        return self._refusal() or (silent_trouble(self.statistics) if silent else 0)
 
     def _refusal(self) -> int:
         """Return the index of the trouble for which packets are refused, or 0."""

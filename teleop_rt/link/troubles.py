@@ -38,18 +38,41 @@ TROUBLES: tuple[tuple[str, str], ...] = (
         "taken",
         ("another master has taken the slave over: agree on who leads, and start this one again"),
     ),
+    (
+        "silent",
+        (
+            "the peer has been silent for more than 2 s: check that it still runs, and the line; "
+            "or it was started again with another key, or this operator's line was removed from "
+            "the rig's key file"
+        ),
+    ),
+    (
+        "authentication",
+        (
+            "packets arrive damaged or forged, after good ones had come: check the line, or "
+            "whether the peer was started again with another key"
+        ),
+    ),
 )
 """The counter's name, and the message to the operator."""
-NOTHING_TROUBLE, CLOCK_TROUBLE, TAKEN_TROUBLE = 5, 6, 7
-"""Places of these three in the table above."""
+KEY_TROUBLE, NOTHING_TROUBLE, CLOCK_TROUBLE, TAKEN_TROUBLE = 1, 5, 6, 7
+SILENT_TROUBLE, DAMAGED_TROUBLE = 8, 9
+"""Places of these in the table above."""
 
 
 def first_refusal(statistics: Statistics) -> int:
     """Return the index of the first trouble for which packets are rejected now, or 0.
 
     A packet that was accepted since shows that the keys are right: those before were an attacker's.
+    One that was accepted before shows that they were: another key is then not the likely cause.
     """
     for index, (reason, _) in enumerate(TROUBLES):
         if statistics.is_rejecting(reason):
-            return index
+            known = index == KEY_TROUBLE and statistics.received > 0
+            return DAMAGED_TROUBLE if known else index
     return 0
+
+
+def silent_trouble(statistics: Statistics) -> int:
+    """Return the index of the trouble of silence: whether packets had arrived before, or none."""
+    return SILENT_TROUBLE if statistics.received > 0 else NOTHING_TROUBLE

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Protocol
 
-from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
+from teleop_rt.link.troubles import NOTHING_TROUBLE, SILENT_TROUBLE, TROUBLES
 from teleop_rt.realtime.parent import Emit
 
 _PERIOD_S = 0.5  # of the look at the link: an operator's patience, no load for the loop
@@ -33,7 +33,7 @@ def report_link(code: Callable[[], int], emit: Emit, ended: Ended) -> None:
     while not ended.wait(_PERIOD_S):
         now = code()
         lasts, last = now == last, now
-        if now == NOTHING_TROUBLE and not lasts:
+        if now in {NOTHING_TROUBLE, SILENT_TROUBLE} and not lasts:
             continue
         if now != before:
             name, cause = TROUBLES[now] if now else (None, "the slave answers")

@@ -9,7 +9,7 @@ from teleop_rt.link.keys import shared_key
 from teleop_rt.link.messages import Kind, ModelMessage, MotionMessage, StateMessage
 from teleop_rt.link.statistics import Statistics
 from teleop_rt.link.transport import MemoryTransport
-from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
+from teleop_rt.link.troubles import DAMAGED_TROUBLE, SILENT_TROUBLE, TROUBLES
 from teleop_rt_dev.link.pair import KEY, MS, Pair
 
 
@@ -149,9 +149,11 @@ def test_a_slave_that_no_longer_answers_is_reported_after_two_seconds() -> None:
     pair.run(2000)
     assert pair.master.trouble_code(pair.now) == 0
     pair.run(200)
-    assert pair.master.trouble_code(pair.now) == NOTHING_TROUBLE
+    assert pair.master.trouble_code(pair.now) == SILENT_TROUBLE
+    assert "silent for more than 2 s" in TROUBLES[SILENT_TROUBLE][1]
     pair.master.statistics.reject("authentication")
-    assert TROUBLES[pair.master.trouble_code(pair.now)][0] == "authentication"
+    assert pair.master.trouble_code(pair.now) == DAMAGED_TROUBLE
+    assert "damaged or forged" in TROUBLES[DAMAGED_TROUBLE][1]
 
 
 def test_round_trip_and_clock_offset_are_estimated() -> None:

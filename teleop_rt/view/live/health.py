@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
+from teleop_rt.link.troubles import NOTHING_TROUBLE, SILENT_TROUBLE, TROUBLES
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.metrics import in_percent
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
@@ -142,7 +142,7 @@ def _troubled(slave: Columns, master: Columns) -> Lamp | None:
     """Return the lamp of a link in trouble, or of a slave that does not follow; None without."""
     trouble, lamp = int(master["trouble"][-1]), _uncoupled(slave, master)
     name, cause = TROUBLES[trouble]
-    if lamp and trouble == NOTHING_TROUBLE:
+    if lamp and trouble in {NOTHING_TROUBLE, SILENT_TROUBLE}:
         return Lamp("bad", lamp.title, f"{lamp.text}; {cause}")
     return Lamp("bad", f"link: {name}", cause) if trouble else lamp
 
