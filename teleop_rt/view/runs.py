@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_safet
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.style import model_name, parameter
 
+_PARTS = {"felt_force": "felt force", "phantom": "force in free air"}
+
 
 @dataclass(frozen=True, slots=True)
 class Listed:
@@ -30,6 +32,8 @@ class Listed:
     model: str | None = None
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
     felt_nrmse: float | None = None
+    why: str = ""
+    """The parts of the run to which the grade is due, empty where it is good or not known."""
 
 
 def runs_of(folder: Path) -> list[Listed]:
@@ -72,12 +76,14 @@ def _of_one_side(folder: Path, summary: dict[str, Any]) -> Listed:
 
 def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
     fault = summary["safety"]["fault"]["name"]
-    chosen = summary["selected"] or {}
+    chosen, graded = summary["selected"] or {}, grades(summary)
+    grade = worst(graded.values())
     return Listed(
         folder=str(folder),
         began_at=summary.get("began_at") or began_at(folder),
         trial=summary["trial"],
-        grade=worst(grades(summary).values()),
+        grade=grade,
+        why=_why(graded, grade),
         ended=str(summary["safety"]["state"]) if fault == "none" else str(fault),
         model=chosen.get("model"),
         parameters={
@@ -88,25 +94,38 @@ def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
     )
 
 
-def _figure(name: str, content: dict[str, Any]) -> str:
-    """Return a parameter with its unit; how sure it is, the run's own summary prints."""
-    return parameter(name, content | {"std": None})
+def _why(graded: Mapping[str, Grade], grade: Grade) -> str:
+    """Return the parts that have the run's own grade, where that is attention or bad."""
+    if grade not in {"attention", "bad"}:
+        return ""
+    return ", ".join(_PARTS.get(part, part) for part, one in graded.items() if one == grade)
 
 
 def print_runs(console: Console, runs: Iterable[Listed]) -> None:
     """Print runs as a table, a line each."""
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("", "began", "trial", "ended", "model", "parameters", "felt error", "folder"):
+    for heading in (
+        "",
+        "began",
+        "why",
+        "trial",
+        "ended",
+        "model",
+        "parameters",
+        "felt error",
+        "folder",
+    ):
         table.add_column(heading, overflow="fold")  # a cut name names nothing
     for run in runs:
         felt = "–" if run.felt_nrmse is None else in_percent(run.felt_nrmse)
         table.add_row(
             f"[{GRADE_COLOURS[run.grade]}]{MARKS[run.grade]}[/]",
             (run.began_at or "–")[:16].replace("T", " "),
+            run.why or "–",
             run.trial or "–",
             run.ended.replace("_", " "),
             "–" if run.model is None else model_name(run.model),
-            ", ".join(_figure(name, one) for name, one in run.parameters.items()) or "–",
+            ", ".join(parameter(name, one) for name, one in run.parameters.items()) or "–",
             felt,
             run.folder,
         )

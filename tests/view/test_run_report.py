@@ -409,7 +409,7 @@ def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call
     code, text, _ = call("runs", runs)
     assert code == 0
     header, first, second = (line.split() for line in text.splitlines())
-    assert header[:2] == ["began", "trial"]
+    assert header[:3] == ["began", "why", "trial"]
     assert {first[0], second[0]} == {"✓", "✕"}
     code, lines, _ = call("runs", runs, "--grade", "bad", "--json")
     (row,) = (json.loads(line) for line in lines.splitlines())
@@ -417,12 +417,16 @@ def test_the_runs_of_a_folder_are_listed_filtered_and_graded(good, stopped, call
         str(runs / stopped.name),
         fault_of(stopped)["name"],
     )
+    assert "safety" in row["why"]
+    assert row["why"] in text
     (row,) = (json.loads(line) for line in call("runs", good, "--json")[1].splitlines())
+    assert not row["why"]
     selected = json.loads((good / "summary.json").read_text())["selected"]
     found = selected["parameters"]["k"]
     assert row["parameters"]["k"] == {key: found[key] for key in ("value", "std", "unit")}
     line = next(line for line in text.splitlines() if "✓" in line)
-    assert f"k = {found['value']:.5g} N/m, b = " in line
+    std = float(f"{found['std']:.2g}")
+    assert f" ± {std:g} N/m, b = " in line
     assert (
         call("runs", runs, "--trial", "other")[1] == f"no runs of this trial or grade in {runs}\n"
     )
