@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from teleop_rt.config.operator import DeviceOperator
     from teleop_rt.config.trial import TrialConfig
 
+_AXIS = "operator.rig.axis"
+
 
 def check_device(trial: TrialConfig, operator: DeviceOperator) -> list[Finding]:
     """Return findings on a trial's device: latency, damping, walls."""
@@ -27,7 +29,8 @@ def check_device(trial: TrialConfig, operator: DeviceOperator) -> list[Finding]:
     try:
         timing = timing_of(device_transport(rig), rig)
     except AxisError as error:
-        return [Finding("error", str(error), "operator.rig.axis", "correct the key that it names")]
+        what, _, step = str(error).removeprefix(f"{_AXIS}: ").partition("; ")
+        return [Finding("error", what, _AXIS, step or "correct the key that it names")]
     findings = [_latency(timing), *_too_soon(trial, operator, timing), *_enabling(operator)]
     port = make_port(trial.master, 1.0 / trial.master.rate_hz, operator, timing)
     return [*findings, *_walls(trial, port)]

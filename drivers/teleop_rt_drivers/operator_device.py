@@ -56,7 +56,9 @@ def device_axis(rig: RigConfig) -> DeviceConfig:
     """Return the axis section of an operator's device. Raises AxisError for another one."""
     if not isinstance(rig.axis, CanopenDeviceConfig | SerialDeviceConfig | ActuatorDeviceConfig):
         raise AxisError(
-            f"operator.rig.axis: {rig.axis.driver!r} is not driven by force: name a handle's rig"
+            f"operator.rig.axis: {rig.axis.driver!r} is not driven by force; name the rig of a"
+            " handle (canopen_device, serial_device, or an actuator's): another package's driver"
+            " moves a slave only"
         )
     return rig.axis
 
