@@ -8,9 +8,13 @@ the slave begins to follow or the touch is known: a hand that has leant against 
 flung forward where it ended at once, and the tool behind it. The fall begins at the present force,
 however small: a force that ends within a period of the hand is a kick. The grip is damped as far as
 the device can render it: a hand that taps on a spring alone rings, damped by little but its own.
+Nothing bounds how fast the lead grows, as where states are lost on the link: the force rises by no
+more than a step per tick, and the brake slides until it has risen, which gives no energy either.
 """
 
 from __future__ import annotations
+
+import math
 
 Grip = tuple[float, float]
 """Stiffness and damping of a brake that holds: `WallLimiter.grip`."""
@@ -21,9 +25,16 @@ RELEASE_S = 1.0
 class Leash:
     """Holds back a hand by how far it leads; forces and lengths are the slave's, before scaling."""
 
-    def __init__(self, length: float, force_max: float, grip: Grip, period_s: float) -> None:
+    def __init__(
+        self,
+        length: float,
+        force_max: float,
+        grip: Grip,
+        period_s: float,
+        force_step: float = math.inf,
+    ) -> None:
         self._length = length
-        self._force_max = force_max
+        self._force_max, self._force_step = force_max, force_step
         self._stiffness, self._damping = grip
         self._release_share = period_s / RELEASE_S
         self.reset()
@@ -31,12 +42,19 @@ class Leash:
     def reset(self) -> None:
         """Let go."""
         self._anchor: float | None = None
-        self._limit = self._spring = self._falls = 0.0
+        self._limit = self._spring = self._falls = self._force = 0.0
         self.slipped = False
-        self.longest = 0.0
+        self.longest = self.largest = 0.0
 
     def update(self, hand: float, lead: float, velocity: float) -> float:
-        """Return the force against a hand that leads the slave by `lead`, 0 once it may.
+        """Return the force against a hand that leads the slave by `lead`, 0 once it may."""
+        most = self._force + self._force_step
+        self._force = self._held(hand, lead, velocity, most)
+        self.largest = max(self.largest, self._force)
+        return self._force
+
+    def _held(self, hand: float, lead: float, velocity: float, most: float) -> float:
+        """Return the force, which is not above `most`.
 
         It is never below 0, nor above the limit: the damping neither pushes nor holds more, and it
         ends as soon as the brake lets go, for a wall with a damping of its own may be felt by then.
@@ -53,12 +71,13 @@ class Leash:
             self._anchor = hand
         if share == 0.0:
             self._anchor = max(self._anchor, hand - self._spring / self._stiffness)
-        if self._stiffness * (hand - self._anchor) > self._limit:
-            self._anchor = hand - self._limit / self._stiffness
-            self.slipped = self.slipped or share == 1.0
+        spring, limit = self._stiffness * (hand - self._anchor), min(self._limit, most)
+        if spring > limit:
+            self._anchor = hand - limit / self._stiffness
+            self.slipped = self.slipped or (share == 1.0 and limit == self._limit)
         self._spring = self._stiffness * (hand - self._anchor)
         damping = self._damping if share > 0.0 else 0.0
-        return max(0.0, min(self._limit, self._spring + damping * velocity))
+        return max(0.0, min(limit, self._spring + damping * velocity))
 
     def _limit_at(self, wanted: float) -> float:
         """Return the limit of a tick: a lower one is reached slowly, from the present force."""

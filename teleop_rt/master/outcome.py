@@ -61,5 +61,6 @@ def _handle(master: Master) -> dict[str, Any]:
         "softenings": master.shaking.softenings,
         "longest_lead": leash.longest,
         "leash_slipped": leash.slipped,
+        "largest_leash_force": master.force_scale * leash.largest,
         "withheld_at_ends": master.ends.withheld,
     }

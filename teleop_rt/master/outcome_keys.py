@@ -91,6 +91,8 @@ class HandleActions(Keys):
     """How far the hand led the slave at most [rig's position unit]."""
     leash_slipped: bool
     """Whether the hand pushed through the leash."""
+    largest_leash_force: float
+    """Largest force with which the leash held the hand back [N or Nm]; 0 where it never did."""
     withheld_at_ends: float
     """Motion near the ends of the device's travel that the slave did not get [rig's unit]."""
 

@@ -78,7 +78,8 @@ def make_brakes(
     """Return the leash, and the brake at the ends of the device's travel."""
     brake, scale = config.leash_force / config.force_scale, config.position_scale
     low, high = (-math.inf, math.inf) if device is None else device.watch.travel
-    leash = Leash(1e-3 * config.leash_mm, brake, grip, period_s)
+    step = config.force_step / config.force_scale
+    leash = Leash(1e-3 * config.leash_mm, brake, grip, period_s, step)
     return leash, TravelEnds((scale * low, scale * high), brake, grip, period_s)
 
 

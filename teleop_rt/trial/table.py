@@ -174,6 +174,17 @@ def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str,
         yield "surface: worst error", f"{error} (at {met['surface_error_s']:.1f} s)"
 
 
+def leash_lines(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
+    """Give the line of the leash, where it held the hand back: a force in free air is its own."""
+    handle = (master.get("rendering") or {}).get("handle") or {}
+    if not (force := handle.get("largest_leash_force")):  # earlier summaries have none
+        return
+    scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
+    lead = _number(scale * handle["longest_lead"], small, 3)
+    held = f"up to {_number(force, f' {units.force}', 3)} in free air held the hand back"
+    yield "leash", f"{held}, which led the tool by up to {lead} before the first touch"
+
+
 def _missed(summary: Mapping[str, Any]) -> str:
     """Return how many ticks were missed, with the share that is good where it is exceeded."""
     missed = summary["missed_ticks"]
@@ -208,6 +219,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *_handle(master),
         *([("felt of a stiff wall", said)] if (said := softened(master, units)) else []),
         *worst_lines(summary, units),
+        *leash_lines(master, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", model_in_words(summary)),
         ("link", packets_in_words(link)),

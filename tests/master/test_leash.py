@@ -102,3 +102,25 @@ def test_a_hand_that_taps_on_the_brake_comes_to_rest():
     angular = math.sqrt(grip[0] / 1.6)
     damping = -1.6 * angular / (2 * math.pi) * math.log(tops[2] / tops[0])
     assert damping > 1.5 * 8.0  # 0.5 N s/m on a grip at the bound without damping
+
+
+def test_a_lead_that_jumps_is_held_without_a_step_and_gives_no_energy():
+    """A hand of 0.16 m/s whose slave is seen 3 mm further back than a tick ago."""
+    leash, hand, forces, energy = Leash(0.05, 40.0, (5000.0, 20.0), T, 0.5), 0.0, [0.0], 0.0
+    for tick in range(300):
+        way = 0.16 * T if tick < 200 else -0.16 * T
+        lead = 0.02 if tick < 10 else 0.05
+        hand += way
+        forces.append(leash.update(hand, lead, way / T))
+        energy += forces[-1] * way
+        assert energy >= 0.0
+    assert max(after - before for before, after in pairwise(forces)) == pytest.approx(0.5)
+    assert max(forces) == leash.largest == 40.0
+    assert leash.slipped
+
+
+def test_a_hand_that_the_leash_had_no_time_to_hold_has_not_pushed_through_it():
+    leash = Leash(0.05, 40.0, (5000.0, 0.0), T, 0.5)
+    forces = [leash.update(0.001 * tick, 0.06, 1.0) for tick in range(20)]
+    assert forces[-1] == pytest.approx(9.5)
+    assert not leash.slipped

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from teleop_rt.config.section import Units
 from teleop_rt.trial import summary_notes
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.felt_force import rows_to_compare
-from teleop_rt.trial.table import packets_in_words
+from teleop_rt.trial.table import leash_lines, packets_in_words
 from teleop_rt_dev.trial.files import silicone
 
 
@@ -120,3 +121,17 @@ def test_packets_that_a_dead_process_counted_are_not_known():
         "of the master's packets 10 came, 2 were lost, 1 came after a newer one, "
         "an unknown number were refused"
     )
+
+
+def test_the_leash_has_a_line_where_it_held_the_hand():
+    units = Units(position="m", force="N")
+    handle = {"largest_leash_force": 7.291, "longest_lead": 0.0271}
+    [(name, said)] = leash_lines({"rendering": {"handle": handle}}, units)
+    assert name == "leash"
+    assert said == (
+        "up to 7.29 N in free air held the hand back, which led the tool by up to 27.1 mm before"
+        " the first touch"
+    )
+    for quiet in ({"longest_lead": 0.02}, handle | {"largest_leash_force": 0.0}, None):
+        assert not list(leash_lines({"rendering": {"handle": quiet}}, units))
+    assert not list(leash_lines({"rendering": None}, units))
