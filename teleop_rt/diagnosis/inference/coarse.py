@@ -78,8 +78,15 @@ def coarsened(
 
 
 def at_lower_rates(problem: Problem) -> tuple[Coarse, Coarse]:
-    """Return the problem at a rate that resolves the jumps of a contact, and at the lowest rate."""
-    return coarsened(problem, JUMPS_HZ, JUMPS_SAMPLES), coarsened(problem)
+    """Return the problem at a rate that resolves the jumps of a contact, and at the lowest rate.
+
+    Both are made once, because they keep the rows of all effects on their grids.
+    """
+
+    def make() -> tuple[Coarse, Coarse]:
+        return coarsened(problem, JUMPS_HZ, JUMPS_SAMPLES), coarsened(problem)
+
+    return problem.made("lower rates", make)
 
 
 def _within(whitener: Whitener, mask: Vector, bins: int, power: float = 1.0) -> Whitener:

@@ -52,12 +52,13 @@ def chi2_falls(
     `rows` are points x rows x values. The fall is 0 where the model spans a row, or a factor has
     the wrong sign.
     """
-    free = rows - (rows @ own) @ own.T
-    gram = free @ free.transpose(0, 2, 1)
-    energy = np.diagonal(gram, axis1=1, axis2=2)
+    # Of two products with few columns each, the part within `own` takes half of the time.
+    along = rows @ own
+    gram = rows @ rows.transpose(0, 2, 1) - along @ along.transpose(0, 2, 1)
+    energy = np.maximum(np.diagonal(gram, axis1=1, axis2=2), 0.0)
     scale = np.sqrt(np.maximum(energy, 1e-300))
     inverse = np.linalg.pinv(gram / (scale[:, :, None] * scale[:, None, :]), 1e-10, hermitian=True)
-    right = (free @ residual) / scale
+    right = (rows @ residual - along @ (own.T @ residual)) / scale
     theta = np.einsum("pij,pj->pi", inverse, right)
     spanned = np.any(energy < _SPANNED * np.einsum("pij,pij->pi", rows, rows), axis=1)
     wrong = np.any(nonnegative & (theta < 0.0), axis=1)

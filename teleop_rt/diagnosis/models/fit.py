@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ _DERIVATIVE_STEP = 5e-4  # of its range: step of the difference that approximate
 _DAMPING = 1e-3  # of the curvature: initial and smallest damping (Marquardt)
 _LEAST_FALL = 0.01  # of chi-square; noise alone changes it by more
 _ROUNDING = 1e-7  # of chi-square; a smaller fall is a rounding error
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,14 @@ class Problem:
     resolution: float = 0.0
     settling: int = 0
     force_step: float = 0.0
+    kept: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def made(self, name: str, make: Callable[[], _T]) -> _T:
+        """Return the result of `make` for this problem, computed once and kept with the problem."""
+        if name not in self.kept:
+            self.kept[name] = make()
+        found: _T = self.kept[name]
+        return found
 
     @cached_property
     def target(self) -> Vector:
