@@ -117,3 +117,21 @@ def test_a_held_body_relaxes_from_what_was_done_to_it_before(before_s: float, pi
     rivals = [["stress_relaxation"]] if pink else []
     assert answer["class"] in ([["fractional_relaxation"]], [["fractional_relaxation"], *rivals])
     assert answer["effects"][0]["parameters"]["order"]["value"] == pytest.approx(order, abs=0.03)
+
+
+def springpot(order: float = 0.45) -> Recording:
+    """Return presses on a spring and a springpot, begun with the tool at rest in the body."""
+    t = np.arange(0.0, 9.0, 2e-3)
+    x = 1.2e-3 * np.cos(2 * np.pi * 0.28 * t) + 3e-4 * np.sin(2 * np.pi * 2.3 * t) ** 2 + 2e-4
+    depth = np.maximum(x, 0.0)
+    number = np.arange(1, t.size)
+    weights = np.cumprod(np.append(1.0, (number - 1 - order) / number))  # Gruenwald, Letnikov
+    pot = np.convolve(weights, depth - depth[0])[: t.size] / 2e-3**order
+    force = np.where(x > 0.0, np.maximum(3.0e4 * depth + 2e3 * pot, 0.0), 0.0)
+    force += 0.1 * np.random.default_rng(8).standard_normal(t.size)
+    return from_arrays("rested", t, x, force)
+
+
+def test_a_springpot_is_named_where_the_tool_had_rested_in_the_body() -> None:
+    found = diagnose(springpot(), "kelvin-voigt", surface=0.0).answer
+    assert found["class"][0] == ["fractional_relaxation"]

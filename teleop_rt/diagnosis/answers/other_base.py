@@ -51,6 +51,6 @@ def _with_fewer(problem: Problem, best: Fit, other: Base) -> Iterator[Fit]:
     alone = fit_base(problem, other)
     yield alone
     for member, effect in enumerate(best.model.effects if len(best.names) > 1 else ()):
-        model = replace(best.model, base=other, effects=(effect,), past=False)
+        model = replace(best.model, base=other, effects=(effect,), past="none")
         kept = [i for i, c in enumerate(best.model.coordinates) if c.owner in {-1, member}]
         yield with_other_clamp(problem, problem.refine(model, best.zeta[kept]))

@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.inference.swings import swings
 from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.fit import Fit, Problem
-from teleop_rt.diagnosis.models.model import JUMPS, CandidateModel
+from teleop_rt.diagnosis.models.model import JUMPS, CandidateModel, Past
 from teleop_rt.diagnosis.samples.preparation import UNPRESSED
 
 _RECLAMPED = 5  # best fits that are tried with another clamp at zero force
@@ -25,6 +25,7 @@ _PROMISING_SHARE = 0.3  # of the best screened gain; a law below it is not fitte
 _PROMISING_JUMP_SHARE = 0.02  # the same for effects that move a contact: most gain comes in the fit
 _MOST_LAWS = 14  # laws with the largest screened gain that are fitted
 _LIKELIEST_EFFECTS = 2  # effects of which all laws are fitted
+_PASTS: tuple[Past, ...] = ("contacts", "rest")
 _LARGEST_PAST_FORCE = 3.0  # times the largest force; an earlier contact was no stronger
 
 
@@ -105,12 +106,21 @@ def _with_other_clamps_and_pasts(
     effect can change when that past is fitted.
     """
     fits = fits + [with_other_clamp(problem, fit) for fit in fits[:_RECLAMPED]]
-    fading = sorted((fit for fit in (*laws, *fits) if fades(problem, fit)), key=lambda fit: fit.bic)
-    begun: dict[tuple[str, str], Fit] = {}
-    for fit in fading:
-        begun.setdefault((fit.names[0], fit.model.effects[0].law), fit)
-    fits += [with_past(problem, fit) for fit in [*begun.values()][:_RECLAMPED]]
+    fits += [with_past(problem, fit) for fit in _fading(problem, [*laws, *fits])]
     return best_by_name([fit for fit in fits if fit.chi2 < base.chi2])
+
+
+def _fading(problem: Problem, fits: list[Fit]) -> list[Fit]:
+    """Return the best fits of laws that fade, among them the best one of each effect.
+
+    Without its past a law may fit worse than all laws of another effect.
+    """
+    best: dict[tuple[str, str], Fit] = {}
+    for fit in sorted((fit for fit in fits if fades(problem, fit)), key=lambda fit: fit.bic):
+        best.setdefault((fit.names[0], fit.model.effects[0].law), fit)
+    chosen = [*best.values()][:_RECLAMPED]
+    names = {fit.names[0] for fit in chosen}
+    return chosen + [fit for fit in best_by_name([*best.values()]) if fit.names[0] not in names]
 
 
 def _promising(
@@ -176,19 +186,22 @@ def fades(problem: Problem, fit: Fit) -> bool:
     nearly = UNPRESSED * float(np.max(x))
     if x[0] < nearly and x[0] - float(np.min(x)) < nearly:
         return False
-    return not fit.model.past and any(effect.fades for effect in fit.model.effects)
+    return fit.model.past == "none" and any(effect.fades for effect in fit.model.effects)
 
 
 def with_past(problem: Problem, fit: Fit) -> Fit:
-    """Return the fit with a free past before the recording.
+    """Return the fit after earlier contacts, or after a rest if that is likelier.
 
-    The fit is returned unchanged if that past needs more than `_LARGEST_PAST_FORCE`: a memory that
+    Earlier contacts are not fitted if they need more than `_LARGEST_PAST_FORCE`: a memory that
     fades before the first counted sample does not determine its past.
     """
-    found = problem.refine(replace(fit.model, past=True), fit.zeta, evaluations=8)
+    found, rested = (
+        problem.refine(replace(fit.model, past=past), fit.zeta, evaluations=8) for past in _PASTS
+    )
     made, less = (one.force_on(problem.motion) for one in (found, found.elsewhere))
     most = _LARGEST_PAST_FORCE * problem.motion.scales["force"]
-    return found if float(np.max(np.abs(made - less))) < most else fit
+    best = found if float(np.max(np.abs(made - less))) < most else fit
+    return min(best, rested, key=lambda one: one.bic)
 
 
 def _jumps(fit: Fit) -> bool:

@@ -120,9 +120,12 @@ class Course:
             if effect.acts != "adds_force":
                 continue
             at_body = effect.stage == "material" or effect.only_in_contact
-            values = _values(effect, motion, felt if at_body else own, eta)
-            if model.past:
+            place = felt if at_body else own
+            values = _values(effect, motion, place, eta)
+            if model.past == "contacts":
                 values += _traces(effect, motion, eta)
+            elif model.past == "rest" and effect.fades:
+                values = [value - _first_press(effect, motion, place, eta) for value in values]
             if effect.only_in_contact:
                 values = [np.where(touches(felt.x), value, 0.0) for value in values]
             if lag and effect.stage != "sensor":
@@ -183,6 +186,16 @@ def _values(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -
         eta[turned] = angle
         found.append(_run(effect, motion, place, eta))
     return found
+
+
+def _first_press(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> Vector:
+    """Return the effect's response to the press with which its law begins, held all along.
+
+    Of a linear memory it is all that distinguishes a tool that had rested there.
+    """
+    still = np.zeros_like(place.x)
+    held = np.full_like(place.x, place.x[0])
+    return run_step(effect, held, still, still, motion.t, motion.dt, eta)
 
 
 def _traces(effect: Effect, motion: RecordedMotion, eta: Vector) -> list[Vector]:

@@ -69,9 +69,9 @@ class Fit:
     @property
     def elsewhere(self) -> Fit:
         """The fit without the past of its own recording, for the prediction of another one."""
-        if not self.model.past:
+        if self.model.past == "none":
             return self
-        model = replace(self.model, past=False)
+        model = replace(self.model, past="none")
         kept = [i for i, item in enumerate(self.model.linear) if item in model.linear]
         return replace(self, model=model, theta=self.theta[kept], columns=self.columns[kept])
 

@@ -17,6 +17,7 @@ POWER = Shape("n", "1", 0.6, 4.0, 1.3, points=1)
 SURFACE = Amplitude("surface", "{x}", lower=-1.0, upper=1.0, relative_to="onset")
 
 
+Past = Literal["none", "rest", "contacts"]
 Clamp = Literal["none", "base", "body", "elastic"]
 """The force that contact cuts at zero, because it never pulls.
 
@@ -77,13 +78,15 @@ def phases(effect: Effect) -> bool:
 class CandidateModel:
     """A base and effects, in a fixed order of nonlinear and linear parameters.
 
-    `past`: the force before the recording is estimated as well, for effects with a fading memory.
+    `past` is that of effects with a fading memory: the recording begins with a press ("none"), with
+    the tool at rest where it had been all along ("rest"), or after earlier contacts, whose forces
+    are estimated as well ("contacts").
     """
 
     base: Base
     effects: tuple[Effect, ...] = ()
     clamp: Clamp = "none"
-    past: bool = False
+    past: Past = "none"
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -111,7 +114,7 @@ class CandidateModel:
                 ]
             else:
                 found.append(Linear(i, amplitude.name, amplitude.unit, amplitude.nonnegative))
-            if self.past:
+            if self.past == "contacts":
                 found += [
                     Linear(i, f"before_{j + 1}", "{f}", nonnegative=False)
                     for j in range(effect.fades)
