@@ -296,7 +296,7 @@ def test_effects_gives_unit_bounds_and_neutral_value_of_each_parameter(call):
     lines = table.splitlines()
     assert lines[0].startswith("force_lag (delay, rig): The force channel is slow")
     (bandwidth,) = [line.split() for line in lines if "- " in line and " Hz " in line][:1]
-    assert bandwidth[-5:] == ["bandwidth", "Hz", "0.5", "300", "-"]
+    assert bandwidth[-5:] == ["bandwidth", "Hz", "0.5", "2000", "-"]
     compliance = next(line for line in lines if " m/N " in line)
     assert compliance.split()[3:] == ["0.001", "compliance", "0.8", "compliance", "0"]
     assert "compliance: the largest penetration over the largest force" in lines

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import Recording, from_arrays
@@ -90,3 +91,50 @@ def test_damage_of_a_fixed_specimen_is_no_bias_of_a_contact() -> None:
     answer = diagnose(_recorded(t, x, force, 0.2)).answer
     assert answer["base"]["model"] == "spring,viscous,bias"
     assert "force_bias" not in {name for names in answer["class"] for name in names}
+
+
+def _cycled(dt_s: float) -> tuple[Row, Row, Row]:
+    """Return time, place [m] and speed of cycles whose size grows and falls about 55 mm."""
+    t = np.arange(0.0, 20.0, dt_s)
+    size = 4e-3 * np.interp(t, [0.0, 5.0, 9.0, 14.0, 20.0], [0.3, 0.8, 0.5, 1.0, 0.6])
+    x = size * np.sin(2.0 * np.pi * 0.7 * t) + 0.2 * size * np.sin(2.0 * np.pi * 1.6 * t + 1.0)
+    return t, 0.055 + x, np.gradient(x, dt_s)
+
+
+def test_structural_damping_of_a_bush_is_hysteresis_or_the_friction_of_its_guide() -> None:
+    """Its friction grows with the way from the rest to both sides: it is no dry friction."""
+    t, x, v = _cycled(0.004)
+    beside = x - 0.0545
+    force = 25e3 * beside + 30.0 * v + 4e3 * np.abs(beside) * np.tanh(v / 4e-4)
+    answer = diagnose(_recorded(t, x, force, 0.3)).answer
+    assert {tuple(names) for names in answer["class"]} == {("hysteresis",), ("coulomb_friction",)}
+    centre = answer["effects"][0]["parameters"]["centre"]["value"]
+    assert centre == pytest.approx(0.0545, abs=2e-4)
+
+
+def test_a_rubber_that_has_lost_stiffness_on_both_sides_shows_mullins() -> None:
+    """By Ogden and Roxburgh's law, which is not the library's for a body that is held."""
+    t, x, v = _cycled(0.004)
+    beside = x - 0.0545
+    most = np.maximum.accumulate(np.abs(beside))
+    lost = 0.2 * erf((most - np.abs(beside)) / 2e-3)
+    answer = diagnose(_recorded(t, x, 25e3 * beside * (1.0 - lost) + 30.0 * v, 0.3)).answer
+    assert answer["class"][0] == ["mullins_softening"]
+    assert answer["error"]["after"] < 0.3 * answer["error"]["before"]
+
+
+def test_a_held_body_behind_a_joint_is_late_as_by_a_slow_channel() -> None:
+    """Spring and damper behind a spring are a softer pair whose force is late: no data decide."""
+    t, x, v = _cycled(0.002)
+    joint, force, fine = 8e-6, np.zeros(t.size), 20
+    for i in range(1, t.size):
+        f = force[i - 1]
+        for part in (np.arange(fine) + 0.5) / fine:
+            place, speed = (row[i - 1] + part * (row[i] - row[i - 1]) for row in (x, v))
+            pull = 2000.0 * (place - 0.05) + 800.0 * speed - (1.0 + 2000.0 * joint) * f
+            f += 0.002 / fine * pull / (800.0 * joint)
+        force[i] = f
+    answer = diagnose(_recorded(t, x, force, 0.02), "spring,viscous,bias").answer
+    assert {("force_lag",), ("series_compliance",)} <= {tuple(names) for names in answer["class"]}
+    known = answer["probability"]
+    assert known["series_compliance"] == pytest.approx(known["force_lag"], rel=0.02)

@@ -136,3 +136,14 @@ def test_a_force_behind_a_joint_fulfils_the_law_of_both(seats_at: float) -> None
     force = press_in_series(x, np.zeros_like(x), spring, joint, DT_S, clamped=False)[0]
     left = x - 5e-5 * force / (1.0 + force / seats_at)
     assert np.allclose(force, 3e5 * left**1.5, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("side", "seed"), [(1.0, 1), (-1.0, 2)])
+def test_a_cable_that_is_slack_on_one_side_is_a_return_spring(side: float, seed: int) -> None:
+    x, v = _moved(seed)
+    pulled = 600.0 * side * np.maximum(side * (x + 8e-4), 0.0)
+    answer = _answer(x, _body(x, v) + pulled, seed)
+    assert _sets(answer) == {frozenset({"return_spring"})}
+    found = answer["effects"][0]["parameters"]
+    assert found["spring_stiffness"]["value"] == pytest.approx(600.0, rel=0.03)
+    assert found["rest"]["value"] == pytest.approx(-8e-4, abs=3e-5)

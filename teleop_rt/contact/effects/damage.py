@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from math import exp, expm1, tanh
 
-from teleop_rt.contact.effect import OF_THE_SPRING, Amplitude, Effect, Shape, Vector
-from teleop_rt.contact.effects.stiffening import SPRING_POWER
+from teleop_rt.contact.effect import (
+    OF_THE_SPRING,
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    Vector,
+)
+from teleop_rt.contact.effects.stiffening import CENTRE, SPRING_POWER
 from teleop_rt.contact.law import spring_force, touches
 from teleop_rt.kernels.jit import kernel
 
@@ -39,6 +47,16 @@ def _behind_deepest(
     depth = max(x, 0.0)
     state[0] = max(state[0], depth, eta[1])
     return -depth * (1.0 - exp((depth - state[0]) / eta[0]))
+
+
+@kernel
+def _behind_furthest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """As `_behind_deepest`, of a body that is held, on both sides of its rest at eta[0]."""
+    beside = x - eta[0]
+    state[0] = max(state[0], abs(beside))
+    return float(-beside * (1.0 - exp((abs(beside) - state[0]) / eta[1])))
 
 
 @kernel
@@ -144,6 +162,19 @@ EFFECTS = (
         step=_behind_deepest,
         sentence="Up to {length} below the deepest past penetration {stiffness_lost} are lost.",
         state_size=1,
+    ),
+    _damaged(
+        name="mullins_softening",
+        law=f"{WITHOUT_CONTACT}, by distance",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
+        shapes=(replace(CENTRE, points=5), _DISTANCE[0]),
+        step=_behind_furthest,
+        sentence=(
+            "Up to {length} short of the furthest past place from {centre}, {stiffness_lost} are"
+            " lost."
+        ),
+        state_size=1,
+        only_in_contact=False,
     ),
     _damaged(
         name="mullins_softening",

@@ -5,8 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from math import exp, tanh
 
-from teleop_rt.contact.effect import OF_THE_SPRING, Amplitude, Effect, Shape, Vector
-from teleop_rt.contact.effects.stiffening import SPRING_POWER
+from teleop_rt.contact.effect import (
+    OF_THE_SPRING,
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    Vector,
+)
+from teleop_rt.contact.effects.stiffening import CENTRE, SPRING_POWER
 from teleop_rt.contact.law import spring_force
 from teleop_rt.kernels.jit import kernel
 
@@ -24,6 +31,14 @@ def smoothed_sign_with_depth(
 ) -> float:
     """Return the sign of the speed, smoothed, times the depth."""
     return float(tanh(v / eta[0]) * max(x, 0.0))
+
+
+@kernel
+def smoothed_sign_beside_rest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return the sign of the speed, smoothed, times the distance from the rest of a held body."""
+    return float(tanh(v / eta[1]) * abs(x - eta[0]))
 
 
 @kernel
@@ -176,6 +191,14 @@ EFFECTS = (
         step=smoothed_sign_with_spring,
         sentence="Dry friction of {friction_per_depth} in contact, growing with the force.",
         only_in_contact=True,
+    ),
+    replace(
+        _DRY,
+        law=f"{WITHOUT_CONTACT}, growing beside the rest",
+        amplitude=Amplitude("friction_per_way", "{f}/{x}", nonnegative=True),
+        shapes=(replace(CENTRE, points=5), SMOOTHING),
+        step=smoothed_sign_beside_rest,
+        sentence="Dry friction of {friction_per_way}, growing on both sides of {centre}.",
     ),
     _BY_DIRECTION,
     replace(

@@ -16,10 +16,11 @@ from teleop_rt.contact.effect import (
 from teleop_rt.contact.effects.friction import (
     SMOOTHING,
     presliding,
+    smoothed_sign_beside_rest,
     smoothed_sign_with_depth,
     smoothed_sign_with_spring,
 )
-from teleop_rt.contact.effects.stiffening import SPRING_POWER
+from teleop_rt.contact.effects.stiffening import CENTRE, SPRING_POWER
 from teleop_rt.contact.law import spring_force, touches
 from teleop_rt.kernels.jit import kernel
 
@@ -258,6 +259,17 @@ EFFECTS = (
         state_size=_SLIDERS + 1,
     ),
     _STRUCTURAL,
+    replace(
+        _STRUCTURAL,
+        law=f"{WITHOUT_CONTACT}, structural",
+        shapes=(replace(CENTRE, points=5), SMOOTHING),
+        step=smoothed_sign_beside_rest,
+        sentence=(
+            "Structural damping of {loss_stiffness}: the way from {centre} times the sign of the"
+            " speed (Reid)."
+        ),
+        only_in_contact=False,
+    ),
     replace(
         _STRUCTURAL,
         law=f"structural, growing with depth {OF_THE_SPRING}",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, exp, log1p, pi, sin, sqrt
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.kernels.jit import kernel
 
 
@@ -100,6 +101,34 @@ _UNITY = Amplitude("scale", "1", unity=True)
 _LEAST_LEVEL = 0.85
 """Of the largest force read [1]: nothing is read beyond the level but noise."""
 
+# Up to a fifth of a millisecond: a smaller delay and a smaller lag are one force.
+_BANDWIDTH = Shape("bandwidth", "Hz", 0.5, 2000.0, 30.0, logarithmic=True, points=12)
+_FIRST_ORDER_LAG = Effect(
+    name="force_lag",
+    law="first order",
+    family="delay",
+    belongs_to="rig",
+    stage="sensor",
+    amplitude=_UNITY,
+    shapes=(_BANDWIDTH,),
+    step=_low_pass,
+    sentence="The force channel is slow: first order, {bandwidth}.",
+    compensation="shift_time",
+    state_size=3,
+    only_in_contact=False,
+    acts="filters_force",
+)
+# A spring and a damper behind another spring are softer ones whose force is late: one force, two
+# names. Held bodies show no other sign of the joint.
+_JOINT_OF_A_HELD_BODY = replace(
+    _FIRST_ORDER_LAG,
+    name="series_compliance",
+    law=WITHOUT_CONTACT,
+    family="stiffening",
+    stage="kinematics",
+    sentence="A joint in series with the body gives way: its force is late, as at {bandwidth}.",
+)
+
 EFFECTS = (
     Effect(
         name="force_bias",
@@ -188,21 +217,8 @@ EFFECTS = (
         compensation="subtract_force",
         only_in_contact=False,
     ),
-    Effect(
-        name="force_lag",
-        law="first order",
-        family="delay",
-        belongs_to="rig",
-        stage="sensor",
-        amplitude=_UNITY,
-        shapes=(Shape("bandwidth", "Hz", 0.5, 300.0, 30.0, logarithmic=True, points=10),),
-        step=_low_pass,
-        sentence="The force channel is slow: first order, {bandwidth}.",
-        compensation="shift_time",
-        state_size=3,
-        only_in_contact=False,
-        acts="filters_force",
-    ),
+    _FIRST_ORDER_LAG,
+    _JOINT_OF_A_HELD_BODY,
     Effect(
         name="force_lag",
         law="second order",
@@ -211,7 +227,7 @@ EFFECTS = (
         stage="sensor",
         amplitude=_UNITY,
         shapes=(
-            Shape("bandwidth", "Hz", 0.5, 300.0, 30.0, logarithmic=True, points=8),
+            replace(_BANDWIDTH, points=10),
             Shape("damping_ratio", "1", 0.3, 0.99, 0.75, points=2, ideal="upper"),
         ),
         step=_low_pass_of_two,

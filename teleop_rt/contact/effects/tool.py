@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi, sin
 
 from teleop_rt.contact.effect import OF_THE_SPRING, Amplitude, Effect, Shape, Vector
@@ -61,6 +62,20 @@ def _beside_rest(
 
 
 @kernel
+def _taut_beyond(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(max(x - eta[0], 0.0))
+
+
+@kernel
+def _taut_before(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(min(x - eta[0], 0.0))
+
+
+@kernel
 def _acceleration(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -73,6 +88,21 @@ THROUGH_A_LINKAGE = "through a linkage"  # law of a lever's weight on a linear a
 # A linkage turns by at least half a radian, or its weight is a bias, and by less than one turn.
 _ARM = Shape("arm", "{x}", 0.16, 2.0, 0.5, reciprocal=True, relative_to="travel", points=8)
 _LEVER_ANGLE = Shape("lever_angle", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
+
+_ABOUT_ITS_REST = Effect(
+    name=RETURN_SPRING,
+    law=BESIDE_A_BODY,
+    family="elastic",
+    belongs_to="rig",
+    stage="tool",
+    amplitude=Amplitude("spring_stiffness", "{f}/{x}", nonnegative=True),
+    shapes=(Shape("rest", "{x}", -3.0, 3.0, 0.0, relative_to="place", points=8),),
+    step=_beside_rest,
+    sentence="A spring, cable or hose pulls the axis to {rest} with {spring_stiffness}.",
+    compensation="subtract_force",
+    only_in_contact=False,
+    like=("force_bias",),
+)
 
 EFFECTS = (
     Effect(
@@ -191,19 +221,16 @@ EFFECTS = (
         compensation="subtract_force",
         only_in_contact=False,
     ),
-    Effect(
-        name=RETURN_SPRING,
-        law=BESIDE_A_BODY,
-        family="elastic",
-        belongs_to="rig",
-        stage="tool",
-        amplitude=Amplitude("spring_stiffness", "{f}/{x}", nonnegative=True),
-        shapes=(Shape("rest", "{x}", -3.0, 3.0, 0.0, relative_to="place", points=8),),
-        step=_beside_rest,
-        sentence="A spring, cable or hose pulls the axis to {rest} with {spring_stiffness}.",
-        compensation="subtract_force",
-        only_in_contact=False,
-        like=("force_bias",),
+    _ABOUT_ITS_REST,
+    *(
+        replace(
+            _ABOUT_ITS_REST,
+            law=f"{BESIDE_A_BODY}, slack {side} it",
+            step=step,
+            sentence=f"A cable, slack {side} {{rest}}, pulls the axis with {{spring_stiffness}}.",
+            like=(),
+        )
+        for side, step in (("before", _taut_beyond), ("beyond", _taut_before))
     ),
     Effect(
         name="tool_inertia",

@@ -15,7 +15,7 @@ _SURFACE_SHIFTS = {
     ("backlash", "from the loading flank"),
     ("backlash", "from the unloading flank"),
 }
-_IN_AIR = {BESIDE_A_BODY, THROUGH_A_LINKAGE}
+_IN_AIR = (BESIDE_A_BODY, THROUGH_A_LINKAGE)
 
 
 def applicable(
@@ -91,5 +91,5 @@ def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -
     if effect.name == "gravity_torque" and rotary:
         return True
     if base.touches:
-        return in_air and effect.law in _IN_AIR
-    return effect.law != BESIDE_A_BODY and base.has_bias and not base.has_spring
+        return in_air and effect.law.startswith(_IN_AIR)
+    return not effect.law.startswith(BESIDE_A_BODY) and base.has_bias and not base.has_spring

@@ -121,7 +121,12 @@ def exchanged(
 
 
 def _rivals(one: Effect, other: Effect) -> bool:
-    return one.family == other.family or one.step is other.step
+    return one.family == other.family or _are_one_force(one, other)
+
+
+def _are_one_force(one: Effect, other: Effect) -> bool:
+    """Return whether two names stand for one force, which no data separate."""
+    return one.step is other.step and one.acts == other.acts
 
 
 def alike(problem: Problem, base: Fit, best: Fit, effects: tuple[Effect, ...]) -> Fit | None:
@@ -160,13 +165,13 @@ def _from_first(problem: Problem, base: Fit, laws: list[tuple[Effect, ...]]) -> 
 
 
 def same_physics(one: Effect, other: Effect) -> bool:
-    """Return whether two effects are the same one, contain each other, or are both friction.
+    """Return whether two effects are the same force, contain each other, or are both friction.
 
     Hysteresis is friction with a long presliding where both act at the same places: without
     contact, or both in contact alone. A pair of the two would only adapt to the form of either.
     """
     names = {one.name, other.name}
-    if len(names) == 1 or names in _CONTAINED_LAWS:
+    if len(names) == 1 or _are_one_force(one, other) or names in _CONTAINED_LAWS:
         return True
     at_same_places = one.only_in_contact == other.only_in_contact
     return names <= _FRICTION_NAMES and (
