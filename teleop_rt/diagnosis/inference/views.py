@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
+from teleop_rt.contact.effects.tool import RETURN_SPRING
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.confirmed import Judged, confirmed
@@ -53,12 +54,14 @@ class View(NamedTuple):
     """A base, and its surface [rig unit], given for sure or guessed; None if unknown.
 
     `at_a_glance` it is dropped where its candidates all leave more, before it is confirmed. That
-    compares different samples where surfaces lie far apart, or there is none.
+    compares different samples where surfaces lie far apart, or there is none. `if_pressed` it is
+    tried only where the judgement so far has no sample in free air.
     """
 
     base: Base
     surface: float | Surface | None = None
     at_a_glance: bool = True
+    if_pressed: bool = False
 
 
 def judged(
@@ -74,6 +77,8 @@ def judged(
     while made.found.judgement.verdict != "no_missing_effect":
         if (view := next(views, None)) is None:
             break
+        if view.if_pressed and _shows_air(made.found):
+            continue
         with suppress(RecordingError):
             other = _judged(recording, view, effects, instead_of=made)
             if other is not made:
@@ -153,11 +158,11 @@ def _judged(
 def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[View]:
     """Give the views of the contact, likeliest first.
 
-    If no surface is given, the body may be fixed to the tool, its onset may hide behind a weight,
-    or the drive may touch nothing. A body that pulls only a little is taken for one that the tool
-    leaves first. A base without contact is that of contact where the tool leaves the body, or meets
-    one. A surface that is given may be the rest of a body that is fixed to the tool, or a mistake:
-    then the onset of force is used.
+    If no surface is given, the body may be fixed to the tool, also under a load that keeps it
+    pressed; its onset may hide behind a weight; or the drive may touch nothing. A body that pulls
+    only a little is taken for one that the tool leaves first. A base without contact is that of
+    contact where the tool leaves the body, or meets one. A surface that is given may be the rest
+    of a body that is fixed to the tool, or a mistake: then the onset of force is used.
     """
     if surface is not None or recording.surface is not None:
         yield View(base, surface)
@@ -179,8 +184,8 @@ def _views(recording: Recording, base: Base, surface: float | None) -> Iterator[
     else:
         order = [touching] if is_left(recording) else [base, touching]
     yield from (View(one) for one in order if one is not None)
-    if base.touches and held is not None and held not in order and may_be_held(recording):
-        yield View(held, at_a_glance=False)
+    if base.touches and held is not None and held not in order:
+        yield View(held, at_a_glance=False, if_pressed=not may_be_held(recording))
     if base.touches and moves_freely(recording):
         yield from (View(base_of(name), at_a_glance=False) for name in _FREE)
     if (hidden := surface_behind_weight(recording)) is not None:
@@ -204,13 +209,20 @@ def _may_explain(recording: Recording, view: View, made: Judged) -> bool:
     """
     alone = made.plain.base
     alike = view.base.touches == alone.model.base.touches
-    if made.inconclusive or alike or _without_its_spring(made.found):
+    if made.inconclusive or alike or view.if_pressed or _without_its_spring(made.found):
         return True
     if (_air_ratio(made.found) or 0.0) > _AIR_RATIO:
         return True
     problem, base = pose(recording, view.base, view.surface)
     left = held_out.deviation(problem, fit_base(problem, base))
     return left < held_out.deviation(made.plain.problem, alone)
+
+
+def _shows_air(found: Diagnosis) -> bool:
+    """Return whether the tool leaves the surface of an answer."""
+    fit, used = found.predicts, found.problem.whitener.mask > 0.0
+    depth = found.problem.motion.x + fit.model.shift(fit.zeta)
+    return bool(np.any(~touches(depth[used])))
 
 
 def _air_ratio(found: Diagnosis) -> float | None:
@@ -267,9 +279,11 @@ def _terms(found: Diagnosis) -> int:
 
 
 def _without_its_spring(found: Diagnosis) -> bool:
-    """Return whether another effect took the place of the base's spring, as where it also pulls."""
+    """Return whether another effect took the place of the base's spring, as where it also pulls.
+
+    A spring of the rig may do so on one side alone.
+    """
     fit, scales = found.best, found.problem.motion.scales
     stiffness = {one.name: value for one, value in zip(fit.model.linear, fit.theta, strict=True)}
-    return (
-        bool(fit.names) and stiffness.get("k", np.inf) < _EMPTY * scales["force"] / scales["travel"]
-    )
+    soft = stiffness.get("k", np.inf) < _EMPTY * scales["force"] / scales["travel"]
+    return RETURN_SPRING in fit.names or (bool(fit.names) and soft)
