@@ -17,6 +17,7 @@ from teleop_rt.diagnosis.answers.instruments import by_reference
 from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_lost_contact, of_time
 from teleop_rt.diagnosis.answers.other_base import other_base
 from teleop_rt.diagnosis.answers.residuals import nearest, of_nearest, predict_recording
+from teleop_rt.diagnosis.answers.resonance import of_resonance
 from teleop_rt.diagnosis.criteria import SECOND_SHARE
 from teleop_rt.diagnosis.draft.choice import dependence
 from teleop_rt.diagnosis.inference.applicable import applicable
@@ -121,7 +122,11 @@ def _add_notes(
         answer["dependence"] = dependence(found.problem, found.best)
         answer["notes"] += of_time(answer["dependence"])
     model = found.base.model.base
-    hints = (turned_sign(found.problem, found.base.model), other_base(found))
+    hints = (
+        turned_sign(found.problem, found.base.model),
+        other_base(found),
+        of_resonance(made.weighed.problem),
+    )
     answer["notes"] += [hint for hint in hints if hint is not None]
     answer["notes"] += notes_of(answer, model, base, recording, surface, made.weighed.samples)
     answer["notes"] += of_nearest(found, answer)

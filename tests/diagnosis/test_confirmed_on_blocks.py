@@ -87,6 +87,8 @@ def test_noise_of_a_resonance_that_free_air_shows_is_nothing_missing(seed: int) 
     force += 0.02 * noise / np.std(noise)
     answer = diagnose(from_arrays("resonance", t, x, force)).answer
     assert (answer["verdict"], answer["class"]) == ("no_missing_effect", [])
+    (hertz,) = [note.split()[4] for note in answer["notes"] if note.startswith("the noise swings")]
+    assert float(hertz) == pytest.approx(resonance_hz, rel=0.06)
 
 
 @pytest.mark.parametrize("seed", cases(1, 6, 7))
