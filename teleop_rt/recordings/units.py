@@ -24,7 +24,8 @@ _LENGTHS = {**_prefixed("m", "c", "m", *_MICRO, "n"), "in": _INCH, "inch": _INCH
 ANGLES = {**_prefixed("rad", "m", *_MICRO), "deg": _DEGREE, "\u00b0": _DEGREE, "rev": 2.0 * np.pi}
 _WEIGHTS = {"kgf": _GRAVITY, "gf": 1e-3 * _GRAVITY, "kg": _GRAVITY, "g": 1e-3 * _GRAVITY,
             "lbf": _POUND * _GRAVITY, "lb": _POUND * _GRAVITY}  # fmt: skip
-_FORCES = _prefixed("N", "k", "m", *_MICRO, "n", "p") | _WEIGHTS
+_IN_SMALL_LETTERS = {"n": 1.0, "kn": 1e3}  # of names such as force_n; mn and nm are several units
+_FORCES = _prefixed("N", "k", "m", *_MICRO, "n", "p") | _WEIGHTS | _IN_SMALL_LETTERS
 _TORQUES = {**_prefixed("Nm", "k", "m", *_MICRO, "n"), "Ncm": 1e-2, "Nmm": 1e-3}
 _TORQUES |= {unit.replace("N", f"N{mark}"): factor for unit, factor in _TORQUES.items()
              for mark in (" ", "*", "\u00b7", ".")}  # fmt: skip

@@ -40,6 +40,12 @@ def test_a_column_named_by_its_quantity_comes_before_one_named_by_its_sensor(
     assert found.position == pytest.approx(1e-3 * X)
 
 
+def test_a_name_in_small_letters_has_its_unit(tmp_path: Path) -> None:
+    for name, newtons in (("force_n", 1.0), ("f_n", 1.0), ("force_kn", 1e3)):
+        found = load(table(tmp_path / f"{name}.csv", "t_s", "x_mm", name))
+        assert found.force == pytest.approx(newtons * FORCE)
+
+
 def test_a_column_is_named_with_or_without_its_unit(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", "t_s", "Rod (mm)", "Cell (N)")
     for columns in (
