@@ -125,7 +125,7 @@ def _rivals(one: Effect, other: Effect) -> bool:
 
 
 def _are_one_force(one: Effect, other: Effect) -> bool:
-    """Return whether two names stand for one force, which no data separate."""
+    """Return whether two names mean one force, which no data separate."""
     return one.step is other.step and one.acts == other.acts
 
 
