@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from teleop_rt.contact.effect import Vector
-from teleop_rt.diagnosis.samples.surface import refuse_turned, refuse_wrong_units
+from teleop_rt.diagnosis.samples.implausible import refuse_wrong_units
+from teleop_rt.diagnosis.samples.surface import refuse_turned
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table

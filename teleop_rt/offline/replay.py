@@ -10,11 +10,8 @@ from typing import Any
 import numpy as np
 
 from teleop_rt.contact.models import MODELS
-from teleop_rt.diagnosis.samples.surface import (
-    doubtful_unit,
-    refuse_turned,
-    refuse_wrong_units,
-)
+from teleop_rt.diagnosis.samples.implausible import doubtful_unit, refuse_wrong_units
+from teleop_rt.diagnosis.samples.surface import refuse_turned
 from teleop_rt.errors import RecordingError
 from teleop_rt.estimation.parameters import leading, traced_names
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings

@@ -8,7 +8,7 @@ import pytest
 import teleop_rt
 from teleop_rt.config.section import Units
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.diagnosis.samples.surface import doubtful_unit
+from teleop_rt.diagnosis.samples.implausible import doubtful_unit
 from teleop_rt.errors import RecordingError
 from teleop_rt.offline import replay
 from teleop_rt.offline.load import load_any

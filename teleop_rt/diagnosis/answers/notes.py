@@ -15,9 +15,10 @@ from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.samples.free import FREE
 from teleop_rt.diagnosis.samples.held import HELD, HELD_ABOUT, LEFT
+from teleop_rt.diagnosis.samples.implausible import doubtful_unit
 from teleop_rt.diagnosis.samples.preparation import Samples
 from teleop_rt.diagnosis.samples.smoothing import half_window, moves_in_steps, too_quick
-from teleop_rt.diagnosis.samples.surface import doubtful_unit, onset_far_from, surface_of
+from teleop_rt.diagnosis.samples.surface import onset_far_from, surface_of
 from teleop_rt.recordings.recording import Recording
 from teleop_rt.recordings.rows import stretches
 

@@ -34,9 +34,9 @@ from teleop_rt.diagnosis.noise.structure import (
 from teleop_rt.diagnosis.phases import enter
 from teleop_rt.diagnosis.samples import beginning, touches
 from teleop_rt.diagnosis.samples.dropouts import dropouts, without
+from teleop_rt.diagnosis.samples.implausible import refuse_wrong_units
 from teleop_rt.diagnosis.samples.motion import RecordedMotion, resolution_step
 from teleop_rt.diagnosis.samples.preparation import Samples, without_edges, without_lone_samples
-from teleop_rt.diagnosis.samples.surface import refuse_wrong_units
 from teleop_rt.recordings.recording import Recording
 from teleop_rt.recordings.rows import Stretch
 

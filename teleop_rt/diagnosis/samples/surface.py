@@ -22,13 +22,6 @@ _CONTRADICTED_SHARE = 0.25  # of the depth; a nearer surface is the effect `cont
 _BEGIN_SHARE = 0.01  # of travel and force, below which both are at their beginning
 _GUESS_ERROR = 1.5  # of the estimated depth: uncertainty of a surface that was never left
 _MIN_USABLE_SAMPLES = 20  # in contact; fewer leave no block to test stiffness and damping
-_STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
-_STIFFEST_STATED_N_PER_M = 1e9  # N/m; nor is anything in a testing machine, whose units are known
-_LONGEST_M = 2.0  # m; no rig here travels farther
-_FAR_M, _SOFT_N_PER_M = 0.3, 100.0
-"""A softer body moved farther: 0.3 mm and 100 kN/m, as of a rig, if its mm were taken for m."""
-_NEAR_M, _HARD_N_PER_M = 3e-5, 1e6
-"""A stiffer body moved less: 30 mm and 1 kN/m, as of a rig, if its m were taken for mm."""
 _SIGMAS = 6.0  # standard deviations of the noise; a smaller force is none
 _PULL_RATIO = 0.2  # of the force's range; a larger pull in contact means a wrong sign
 _AIR_FORCE_RATIO = 5.0  # times the variation in contact; more in free air means a wrong sign
@@ -268,40 +261,4 @@ def refuse_untouched(recording: Recording, usable: Vector) -> None:
             " not that of free air, and enough samples around them for a velocity (at"
             f" {1.0 / recording.dt:.4g} samples/s); check --surface, record at a higher rate, or"
             " more presses"
-        )
-
-
-def doubtful_unit(unit: str, travel: float, stiffness: float) -> str | None:
-    """Return a note where travel and stiffness [m, N/m] are those of a rig in another unit only."""
-    if unit != "m":
-        return None
-    if travel > _FAR_M and 0.0 < stiffness < _SOFT_N_PER_M:
-        other, factor = "mm", 1e-3
-    elif travel < _NEAR_M and stiffness > _HARD_N_PER_M:
-        other, factor = "m", 1e3
-    else:
-        return None
-    return (
-        f"is the unit right? the position moves by {travel:.2g} m against"
-        f" {float(f'{stiffness:.2g}'):g} N/m; read in {other} it would be {factor * travel:.2g} m"
-        f" against {float(f'{stiffness / factor:.2g}'):g} N/m: if that is the object, say so with"
-        f" --units position={other}"
-    )
-
-
-def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
-    """Raise RecordingError if travel or stiffness of a linear rig suggests a wrong unit."""
-    if recording.units[0] != "m":
-        return
-    travel = float(np.ptp(recording.position))
-    if travel > _LONGEST_M:
-        raise RecordingError(
-            f"{recording.name}: wrong unit? the position moves by {travel:.3g} m; if it is in mm,"
-            " say so with --units position=mm"
-        )
-    stiffest = _STIFFEST_STATED_N_PER_M if recording.units_stated else _STIFFEST_N_PER_M
-    if stiffness is not None and stiffness > stiffest:
-        raise RecordingError(
-            f"{recording.name}: wrong unit? a spring of {stiffness:.2g} N/m is stiffer than any"
-            " body that such a rig can press on; check the units of position and force"
         )
