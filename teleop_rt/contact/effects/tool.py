@@ -103,6 +103,8 @@ _ABOUT_ITS_REST = Effect(
     only_in_contact=False,
     like=("force_bias",),
 )
+# A cable that is taut from a place inside the body on is the force of a second layer.
+_REST_IN_AIR = Shape("rest", "{x}", -5.0, 0.0, -1.0, relative_to="travel", points=8)
 
 EFFECTS = (
     Effect(
@@ -226,11 +228,15 @@ EFFECTS = (
         replace(
             _ABOUT_ITS_REST,
             law=f"{BESIDE_A_BODY}, slack {side} it",
+            shapes=(shape,),
             step=step,
             sentence=f"A cable, slack {side} {{rest}}, pulls the axis with {{spring_stiffness}}.",
             like=(),
         )
-        for side, step in (("before", _taut_beyond), ("beyond", _taut_before))
+        for side, step, shape in (
+            ("before", _taut_beyond, _REST_IN_AIR),
+            ("beyond", _taut_before, _ABOUT_ITS_REST.shapes[0]),
+        )
     ),
     Effect(
         name="tool_inertia",
