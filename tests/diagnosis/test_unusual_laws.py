@@ -147,3 +147,15 @@ def test_a_cable_that_is_slack_on_one_side_is_a_return_spring(side: float, seed:
     found = answer["effects"][0]["parameters"]
     assert found["spring_stiffness"]["value"] == pytest.approx(600.0, rel=0.03)
     assert found["rest"]["value"] == pytest.approx(-8e-4, abs=3e-5)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e9])
+def test_a_rigid_body_behind_a_joint_has_derivatives_of_zero(damping: float) -> None:
+    """A fit may end there, where the joint alone gives way: they were not a number."""
+    x, v = _moved(7)
+    rigid = SpringDamper(1e25, 1.0, damping, 0.0)
+    force, by_k, _ = press_in_series(
+        x, v, rigid, Joint(4e-5, 3.0), DT_S, clamped=False, slopes=True
+    )
+    assert np.all(np.isfinite(by_k))
+    assert np.all(1e-4 * rigid.k * by_k[x > 1e-5] < force[x > 1e-5])

@@ -114,10 +114,9 @@ def _implicit(
             f = _newton(x[i], v[i], last + rise, bent, material, joint, dt)
         pulls = clamped and f <= 0.0
         f = 0.0 if pulls else f
-        if (
-            out.shape[0] > 1 and not pulls
-        ):  # by the implicit function theorem, from the derivatives a sample before
-            p = x[i] - joint_deflection(f, c, seated)
+        p = x[i] - joint_deflection(f, c, seated)
+        if out.shape[0] > 1 and not pulls and p != 0.0:  # a rigid body does not give way
+            # By the implicit function theorem, from the derivatives a sample before.
             w = v[i] - (x[i] - p - bent) / dt
             spring = spring_force(p, 1.0, n)
             unit = spring if q == n else p**q
