@@ -237,8 +237,8 @@ def _named_part(
     part of the excess of which later effects take their shares: it grows with the recording.
     Another law of the same physics only corrects the first one and is not named. If the data do
     not support the name of an effect, the set with its special case is returned where that explains
-    nearly as much, or the set without the effect, or else the empty set. A special case that fits
-    as well comes first.
+    nearly as much, or the set without the effect, or, of the effects of that one, as many as were
+    tried together, or else the empty set. A special case that fits as well comes first.
     """
     names, order, named = frozenset[str](), list[str](), 0
     energy = known[names].energy
@@ -260,7 +260,9 @@ def _named_part(
     special = [n for n in simpler_names(best) if n in known
                and one.energies[0] - known[n].energy >= _NEARLY_AS_GOOD * taken]  # fmt: skip
     as_good = [n for n in special if (1.0 - LEAST_GAIN) * known[n].energy <= known[best].energy]
-    ways = (*as_good, best, *special, best - known[best].unsupported)
+    supported = [n for n in order if n in best - known[best].unsupported]
+    beginnings = [frozenset(supported[:number]) for number in range(len(supported), 0, -1)]
+    ways = (*as_good, best, *special, *beginnings)
     return next((n for n in ways if n in known and known[n].nameable), frozenset())
 
 
