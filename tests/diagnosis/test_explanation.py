@@ -107,6 +107,16 @@ def test_a_law_at_its_bound_is_not_named_nor_is_a_worse_one() -> None:
     assert explain([_ALONE, replace(bent, unsupported=frozenset()), worse]).verdict == "partial"
 
 
+def test_a_part_that_was_tried_is_named_if_the_supported_set_was_not() -> None:
+    first = _set("adhesion", path=(1.0, 0.5))
+    bent = ("stress_relaxation",)
+    two = _set("adhesion", *bent, path=(1.0, 0.5, 0.3), at_bound=bent)
+    three = _set("adhesion", *bent, "force_lag", path=(1.0, 0.5, 0.3, 0.05), at_bound=bent)
+    found = explain([_ALONE, first, two, three])
+    assert found.verdict == "partial"
+    assert [one.fit.names for one in found.sets] == [("adhesion",)]
+
+
 def test_a_special_case_is_named_if_its_extension_gains_nothing() -> None:
     plain = _set("coulomb_friction", path=(1.0, 0.2))
     wider = _set("stribeck_friction", path=(1.0, 0.199), at_bound=("stribeck_friction",))
