@@ -112,7 +112,7 @@ class Identification:
 
     def __repr__(self) -> str:
         count = len(self.estimates)
-        notes = f"; {self.note}" if self.note else ""
+        notes = f"; {self.note.split(':')[0]}" if self.note else ""  # the rest is in `note`
         return (
             f"<Identification of {self.name}: {count} estimates, selected {self.selected}{notes}>"
         )

@@ -325,7 +325,7 @@ def test_a_position_that_is_no_number_stops_and_is_a_missing_sample_to_readers(w
 
     folder = tmp_path / "run"
     summary = run(silicone("duration_s=3"), folder, spoiling)
-    assert summary["safety"]["fault"]["name"] == "position_limit"
+    assert summary["safety"]["fault"]["name"] == "position_invalid"
     printed = io.StringIO()
     print_summary(Console(file=printed, width=1000), summary, silicone().rig.units)
     (ran,) = [line for line in printed.getvalue().splitlines() if " ran " in line]

@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from math import expm1, pi, sin
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, StepFunction, Vector
+from teleop_rt.contact.effect import (
+    WITHOUT_CONTACT,
+    Amplitude,
+    Effect,
+    Shape,
+    StepFunction,
+    Vector,
+)
+from teleop_rt.contact.effects.sensor import FIRST_ORDER_LAG
 from teleop_rt.contact.law import joint_deflection
 from teleop_rt.kernels.jit import kernel
 
@@ -171,6 +179,16 @@ _JOINT = Effect(
     only_in_contact=False,
     acts="deflects",
 )
+# A spring and a damper behind another spring are softer ones whose force is late: one force, two
+# names. Held bodies show no other sign of the joint.
+_JOINT_OF_A_HELD_BODY = replace(
+    FIRST_ORDER_LAG,
+    name="series_compliance",
+    law=WITHOUT_CONTACT,
+    family="stiffening",
+    stage="kinematics",
+    sentence="A joint in series with the body gives way: its force is late, as at {bandwidth}.",
+)
 EFFECTS = (
     Effect(
         name="contact_offset",
@@ -240,6 +258,7 @@ EFFECTS = (
         sentence="{compliance} of the rig lies in series between encoder and tip; at"
         " {seating_force} the joint has seated and deflects half as far.",
     ),
+    _JOINT_OF_A_HELD_BODY,
     _play("centred", _play_centred),
     _play("from the loading flank", _play_from_loading_flank),
     _play("from the unloading flank", _play_from_unloading_flank),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import cos, exp, log1p, pi, sin, sqrt
 
-from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.kernels.jit import kernel
 
 
@@ -103,7 +103,7 @@ _LEAST_LEVEL = 0.85
 
 # Up to a fifth of a millisecond: a smaller delay and a smaller lag are one force.
 _BANDWIDTH = Shape("bandwidth", "Hz", 0.5, 2000.0, 30.0, logarithmic=True, points=12)
-_FIRST_ORDER_LAG = Effect(
+FIRST_ORDER_LAG = Effect(
     name="force_lag",
     law="first order",
     family="delay",
@@ -117,16 +117,6 @@ _FIRST_ORDER_LAG = Effect(
     state_size=3,
     only_in_contact=False,
     acts="filters_force",
-)
-# A spring and a damper behind another spring are softer ones whose force is late: one force, two
-# names. Held bodies show no other sign of the joint.
-_JOINT_OF_A_HELD_BODY = replace(
-    _FIRST_ORDER_LAG,
-    name="series_compliance",
-    law=WITHOUT_CONTACT,
-    family="stiffening",
-    stage="kinematics",
-    sentence="A joint in series with the body gives way: its force is late, as at {bandwidth}.",
 )
 
 EFFECTS = (
@@ -217,8 +207,7 @@ EFFECTS = (
         compensation="subtract_force",
         only_in_contact=False,
     ),
-    _FIRST_ORDER_LAG,
-    _JOINT_OF_A_HELD_BODY,
+    FIRST_ORDER_LAG,
     Effect(
         name="force_lag",
         law="second order",

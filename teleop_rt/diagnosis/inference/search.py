@@ -136,8 +136,10 @@ def _promising(
         return []
 
     def promises(start: Start) -> bool:
-        # The screened gain of an effect that moves a contact is small: its descent finds the rest.
-        least = _PROMISING_JUMP_SHARE if start.effect.acts in JUMPS else _PROMISING_SHARE
+        # The screened gain of an effect that moves a contact, or gives way to the force, is small:
+        # its descent finds the rest.
+        descends = start.effect.acts in (*JUMPS, "deflects")
+        least = _PROMISING_JUMP_SHARE if descends else _PROMISING_SHARE
         return start.gain > max(10.0, least * starts[0].gain)
 
     promising = [s for s in starts if promises(s)]

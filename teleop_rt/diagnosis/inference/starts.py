@@ -54,13 +54,16 @@ def chi2_falls(
     """
     # Of two products with few columns each, the part within `own` takes half of the time.
     along = rows @ own
-    gram = rows @ rows.transpose(0, 2, 1) - along @ along.transpose(0, 2, 1)
-    energy = np.maximum(np.diagonal(gram, axis1=1, axis2=2), 0.0)
-    scale = np.sqrt(np.maximum(energy, 1e-300))
+    gram = rows @ rows.transpose(0, 2, 1)
+    whole = np.diagonal(gram, axis1=1, axis2=2)
+    gram = gram - along @ along.transpose(0, 2, 1)
+    energy = np.diagonal(gram, axis1=1, axis2=2)
+    inside = energy < _SPANNED * whole  # the rest is a rounding error, which may be below 0
+    scale = np.sqrt(np.maximum(np.where(inside, whole, energy), 1e-300))
     inverse = np.linalg.pinv(gram / (scale[:, :, None] * scale[:, None, :]), 1e-10, hermitian=True)
     right = (rows @ residual - along @ (own.T @ residual)) / scale
     theta = np.einsum("pij,pj->pi", inverse, right)
-    spanned = np.any(energy < _SPANNED * np.einsum("pij,pij->pi", rows, rows), axis=1)
+    spanned = np.any(inside, axis=1)
     wrong = np.any(nonnegative & (theta < 0.0), axis=1)
     return np.where(spanned | wrong, 0.0, np.sum(right * theta, axis=1)), theta / scale
 
