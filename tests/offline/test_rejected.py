@@ -26,7 +26,7 @@ def identified(friction, seed=1):
 def test_undeclared_friction_leaves_no_deviations_and_is_referred_to_diagnosis(friction):
     found = identified(friction)
     assert found.note == REJECTED
-    assert REJECTED in repr(found)
+    assert REJECTED.split(":")[0] in repr(found)  # the advice is in the note alone
     assert [one.std for one in found.estimates[0].parameters.values()] == [None] * 3
 
 
