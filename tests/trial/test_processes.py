@@ -12,11 +12,13 @@ import pytest
 from lean_install import without_report
 from machine_witness import undisturbed
 
+from teleop_rt.realtime import ring_folder
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.trial.closed_loop import run_into
 from teleop_rt_dev.trial.files import SILICONE
+from teleop_rt_drivers import bus_folder
 from teleop_rt_drivers.bus_folder import sweep_buses
 
 pytestmark = pytest.mark.realtime
@@ -232,9 +234,9 @@ def test_an_interrupt_at_start_up_leaves_nothing_behind(tmp_path):
     assert not list(SHARED_MEMORY.glob(f"teleop-rt-{running.process.pid}-*"))
 
 
-def test_a_killed_run_takes_its_processes_with_it(tmp_path):
+def test_a_killed_run_takes_its_processes_with_it(tmp_path, own_shared_memory):
     def attempt(folder):
-        running = in_contact(folder)
+        running = in_contact(folder, own_shared_memory)
         if running is None:
             return None
         children = running.children()
@@ -247,16 +249,36 @@ def test_a_killed_run_takes_its_processes_with_it(tmp_path):
     for child in children.values():
         while Path(f"/proc/{child}").exists() and b"Z" not in state_of(child):
             time.sleep(0.05)
-    assert left_by([running.process.pid, *children.values()])
+    processes = [running.process.pid, *children.values()]
+    assert left_by(processes, tmp_path)
     with new_ring_folder():  # as at the next start
         sweep_buses()
-    assert not left_by([running.process.pid, *children.values()])
+    assert not left_by(processes, tmp_path)
 
 
-def left_by(processes: list[int]) -> list[Path]:
+@pytest.fixture
+def own_shared_memory(tmp_path, monkeypatch):
+    """Return an environment whose runs share the files of `tmp_path`, as this process does.
+
+    The run of another test would remove from shared memory the files of a killed one.
+    """
+    at_start_up = tmp_path / "python"
+    at_start_up.mkdir()
+    (at_start_up / "sitecustomize.py").write_text(
+        "from pathlib import Path\n"
+        "from teleop_rt.realtime import leftovers\n"
+        f"leftovers.shared_folder = lambda: Path({str(tmp_path)!r})\n"
+    )
+    for module in (ring_folder, bus_folder):
+        monkeypatch.setattr(module, "shared_folder", lambda: tmp_path)
+    path = os.pathsep.join(filter(None, (str(at_start_up), os.environ.get("PYTHONPATH"))))
+    return os.environ | {"PYTHONPATH": path}
+
+
+def left_by(processes: list[int], shared_memory: Path) -> list[Path]:
     """Return the files of these processes that are left in shared memory."""
-    found = [SHARED_MEMORY.glob(f"teleop-rt-{pid}-*") for pid in processes]
-    found += [SHARED_MEMORY.glob(f"can-*/{pid}-*.can") for pid in processes]
+    found = [shared_memory.glob(f"teleop-rt-{pid}-*") for pid in processes]
+    found += [shared_memory.glob(f"can-*/{pid}-*.can") for pid in processes]
     return [path for paths in found for path in paths]
 
 
