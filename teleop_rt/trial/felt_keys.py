@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NotRequired
+from typing import Literal, NotRequired
 
 from teleop_rt.json_schema import Keys
 from teleop_rt.master.outcome_keys import Rendering
@@ -48,6 +48,18 @@ class Unfelt(Keys):
     """The felt force in the slave's scale, over the one that the tool pressed with."""
     at_s: float
     """Time of it, from the master's first tick [s]."""
+    tracking_hz: float
+    """The trial's `contact.surface_tracking_hz` [Hz]."""
+    cause: Literal["bound", "model", "other"] | None
+    """Why it was not felt: the device's passivity bound, or a model that had not followed the body;
+    null where tool or wall are not known."""
+    tool: float | None
+    """Position of the tool at that moment [rig's unit]; null like `cause`."""
+    surface: float | None
+    """Rendered surface when the felt force was largest [rig's unit]; null like `cause`."""
+    modelled: float | None
+    """Largest force that the wall, unbounded, has at the tool's place [N or Nm]; null like
+    `cause`."""
 
 
 class FeltForce(Keys):

@@ -1,18 +1,16 @@
-"""A wall that is rendered softer than it is, in one line: the tool presses harder than is felt."""
+"""A tool that presses harder than is felt, in one line: a softened wall, or one not followed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from teleop_rt.config.section import Units
-from teleop_rt.config.trial import TrialConfig
-from teleop_rt.trial.felt_force import Columns, converged
+from teleop_rt.trial.grades import PEAK, POOR_NRMSE
 
-MARGIN_S = 0.05
-"""By which a force may be later than the link's round trip: sampling, filters and jitter."""
+FELT_WELL = 1.0 - PEAK * POOR_NRMSE
+"""Share of the tool's force [1] from which a model that did not follow is no news: the largest
+error of a force that is not graded bad leaves so much."""
 
 
 def softened(master: Mapping[str, Any], units: Units) -> str | None:
@@ -31,38 +29,34 @@ def softened(master: Mapping[str, Any], units: Units) -> str | None:
     unit = f"{units.force}/{units.position}"
     soft, stiff = (f"{float(f'{value:.3g}'):g}" for value in (rendered, true))
     said = f"at most {soft} {unit} is passive on this device; with its damping the wall has {stiff}"
-    if (unfelt := master.get("unfelt")) is None:
+    unfelt = master.get("unfelt")
+    if unfelt is None or unfelt.get("cause") not in {None, "bound"}:
         return said
+    return f"{_pressed_and_felt(unfelt, units)}; {said}"
+
+
+def unfollowed(master: Mapping[str, Any], units: Units) -> str | None:
+    """Return that the tool met the body where the rendered model had it not; None if it did not.
+
+    `master` is that part of a summary.
+    """
+    unfelt = master.get("unfelt")
+    if unfelt is None or unfelt.get("cause") != "model" or not unfelt["share"] < FELT_WELL:
+        return None
+    small = "mm" if units.position == "m" else "mrad"
+    tool, surface = (f"{1e3 * unfelt[key]:.4g} {small}" for key in ("tool", "surface"))
+    if unfelt["tool"] <= unfelt["surface"]:
+        why = f"it met the body at {tool}, before the rendered surface at {surface}"
+    else:
+        why = f"at {tool} the model then rendered, with its surface at {surface}, has at most "
+        why += f"{unfelt['modelled']:.3g} {units.force}"
+    why += f": if the surface moves, contact.surface_tracking_hz {unfelt['tracking_hz']:g} "
+    why += "did not follow it" if unfelt["tracking_hz"] else "follows none"
+    return f"{_pressed_and_felt(unfelt, units)}; {why}"
+
+
+def _pressed_and_felt(unfelt: Mapping[str, Any], units: Units) -> str:
     return (
         f"{unfelt['share']:.0%} at {unfelt['at_s']:.1f} s: the tool pressed with "
-        f"{unfelt['pressed']:.3g} {units.force} and the hand felt {unfelt['felt']:.3g}; {said}"
+        f"{unfelt['pressed']:.3g} {units.force} and the hand felt {unfelt['felt']:.3g}"
     )
-
-
-def most_unfelt(trial: TrialConfig, master: Columns) -> dict[str, float] | None:
-    """Return the moment of converged contact in which the felt force was most exceeded.
-
-    A force of the slave arrives up to a round trip after the hand's own: it is compared with the
-    largest that was rendered since. None without such contact, or where nothing pressed.
-    """
-    rows = converged(trial, master)
-    if not rows.any():
-        return None
-    from scipy.ndimage import maximum_filter1d  # noqa: PLC0415 - no daemon waits for it
-
-    since = 1 + round(trial.master.rate_hz * (1e-3 * trial.link.round_trip_ms + MARGIN_S))
-    rendered, pressed = master["rendered_force"], master["reflected_force"]
-    felt = maximum_filter1d(np.nan_to_num(rendered), since, origin=(since - 1) // 2)
-    beyond = np.where(rows, pressed - felt / trial.master.force_scale, np.nan)
-    if not np.isfinite(beyond).any():
-        return None
-    at = int(np.nanargmax(beyond))
-    if not pressed[at] > 0.0:
-        return None
-    began = master["stamp_ns"][np.flatnonzero(np.isfinite(master["stamp_ns"]))[0]]
-    return {
-        "pressed": float(pressed[at]),
-        "felt": float(felt[at]),
-        "share": float(felt[at] / trial.master.force_scale / pressed[at]),
-        "at_s": float(master["stamp_ns"][at] - began) * 1e-9,
-    }

@@ -26,10 +26,10 @@ from teleop_rt.trial.felt_force import (
 )
 from teleop_rt.trial.folder import RECORDING, began_at
 from teleop_rt.trial.grades import grades
-from teleop_rt.trial.softened import most_unfelt
 from teleop_rt.trial.software import software
 from teleop_rt.trial.summary_notes import all_notes
 from teleop_rt.trial.true_port import LAG_MARGIN_S, true_port
+from teleop_rt.trial.unfelt import most_unfelt
 from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ _SIGNALS = {
         "wake_latency_us",
         "work_us",
     ),
-    "/master": SIGNALS,
+    "/master": (*SIGNALS, "surface", "true_stiffness", "rendered_stiffness", "true_damping"),
 }
 """The signals of a summary: an hour of all signals would not fit into memory."""
 
@@ -94,6 +94,7 @@ def summarise(
         "adequacy": adequacy,
         "link": outcome["link"],
         "master": judge_felt_force(trial, master, truth, environment_force)
+        | {"unfelt": most_unfelt(trial, slave, master)}
         | {"rendering": outcome["rendering"], "late": outcome.get("master_late")}
         | {"true_port": _true_port(trial, master, topics.get(_HANDLE), truth, environment_force)},
         "safety": outcome["safety"],
@@ -215,7 +216,6 @@ def judge_felt_force(
         "direct_reflection_lag_ms": None,
         "worst": None,
         "largest_force_step": float(np.nanmax(steps)) if np.any(np.isfinite(steps)) else None,
-        "unfelt": most_unfelt(trial, master),
     }
     if truth is None or environment_force is None:
         result["reason"] = "the true environment is not known, so the felt force has no reference"

@@ -24,7 +24,7 @@ from teleop_rt.trial.grades import (
     selected_nrmse,
 )
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
-from teleop_rt.trial.softened import softened
+from teleop_rt.trial.softened import softened, unfollowed
 
 _GRADED = {
     "ran": "loop",
@@ -157,6 +157,14 @@ def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "rendered stiffness", f"{rendered} of {true}, without damping at most {most}; {needs}"
 
 
+def _unfelt(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
+    """Give the lines of a tool that pressed harder than was felt, by their cause."""
+    if (said := softened(master, units)) is not None:
+        yield "felt of a stiff wall", said
+    if (said := unfollowed(master, units)) is not None:
+        yield "felt of a wall not followed", said
+
+
 def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
     """Give the worst of the whole run, which no mean shows."""
     felt, met = summary["master"].get("worst"), summary["contact"].get("worst") or {}
@@ -217,7 +225,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
         ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
         *_handle(master),
-        *([("felt of a stiff wall", said)] if (said := softened(master, units)) else []),
+        *_unfelt(master, units),
         *worst_lines(summary, units),
         *leash_lines(master, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
