@@ -15,6 +15,7 @@ from teleop_rt.estimation import bank_kernels, cycle, solvers
 from teleop_rt.estimation.layout import WHOLE
 from teleop_rt.estimation.state import new_state
 from teleop_rt.kernels import compile_lock, jit
+from teleop_rt.kernels.inner import Cache
 from teleop_rt.kernels.jit import cache_root, fingerprint, kernel, machine, sources_of
 
 PROGRAM = """
@@ -288,6 +289,23 @@ def test_a_kernel_that_another_process_compiles_is_waited_for_and_loaded(lock_he
 
     monkeypatch.setattr(compile_lock.time, "sleep", other_process_ends)
     assert hits(file) == 1
+
+
+def test_the_first_kernel_of_an_empty_cache_is_compiled_under_its_lock(kernel_in, monkeypatch):
+    """Its folder was made only with its code, so that two processes both compiled the bank."""
+    file, held = kernel_in("clone", "teleop_rt_example"), []
+    load = Cache.load_overload
+
+    def loading(cache, *asked):
+        (lock,) = jit.kernel_folder(file).glob("twice-*.lock")
+        with lock.open() as another, pytest.raises(BlockingIOError):
+            fcntl.flock(another, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        held.append(lock)
+        return load(cache, *asked)
+
+    monkeypatch.setattr(Cache, "load_overload", loading)
+    assert hits(file) == 0
+    assert held
 
 
 def test_a_process_that_was_stopped_while_compiling_holds_up_no_other_for_long(

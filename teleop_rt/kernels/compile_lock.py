@@ -23,10 +23,12 @@ _given_up = False  # whether this process has waited without success
 def only_process(file: Path) -> Iterator[None]:
     """Hold the lock of a file, which is created; without the right to create it, hold none.
 
+    So is its folder: else the first kernel of each, such as the bank's, would have no lock.
     The end of a process, however it comes, releases its locks.
     """
     descriptor = None
     with suppress(OSError):
+        file.parent.mkdir(exist_ok=True)
         descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
     try:
         if descriptor is not None:
