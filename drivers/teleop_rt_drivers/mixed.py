@@ -146,11 +146,12 @@ class MixedAxis:
             (name, part, Sample(self._stored[row : row + 1]))
             for row, (name, part) in enumerate(parts.items())
         ]
+        self._readers = [(part.read_into, own) for _, part, own in self._parts]
+        self._driven = parts[config.giving("drive")]
         samples = {name: sample for name, _, sample in self._parts}
         self._position = samples[config.giving("position")]
         self._force = samples[config.giving("force")]
         self._drive = samples[config.giving("drive")]
-        self._missing = 0
         self._bind(Sample())
 
     @property
@@ -166,7 +167,7 @@ class MixedAxis:
         """Find, check and configure all devices; nothing moves. Raises AxisError."""
         for _, part, _ in self._parts:
             part.configure()
-        self._missing = 0
+        self._sample.missing = 0
 
     def arm(self) -> None:
         """Ask the drive to hold its present position under power. Raises AxisError."""
@@ -178,15 +179,13 @@ class MixedAxis:
         if sample is not self._sample:
             self._bind(sample)
         complaint = ""
-        for _, part, own in self._parts:
-            part.read_into(own)
+        for read_into, own in self._readers:
+            read_into(own)
             complaint = own.complaint or complaint
-        valid = self._join()
-        self._missing = 0 if valid else self._missing + 1
         sample.stale, sample.complaint = "", complaint
-        if not valid:
+        if not self._join():
             sample.stale = self._position.stale or self._force.stale
-            sample.missing = self._missing
+            sample.missing += 1
 
     def _bind(self, sample: Sample) -> None:
         """Fill this sample from now on."""
@@ -201,8 +200,7 @@ class MixedAxis:
 
     def write(self, position: float) -> None:
         """Command a position [rig unit]."""
-        for _, part, _ in self._parts:
-            part.write(position)
+        self._driven.write(position)
 
     def stop(self) -> None:
         """Stop the drive. Never raises."""

@@ -8,7 +8,6 @@ while the drive is not enabled: it carries the controlword.
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from typing import TYPE_CHECKING
 
@@ -194,8 +193,8 @@ class CanopenAxis:
         drive = self._drive
         if drive is None or self._receiver.fault is _NOT_ACKNOWLEDGED:
             return
-        send, plain = self._send_position, drive.follows and math.isfinite(position)
-        if send is None or not plain or send(position) < 0:  # also where the door is closed
+        send = self._send_position
+        if send is None or send(position) < 0:  # also where the door is closed
             self._send(drive.rpdo.cob_id, drive.command(position))
         else:  # nearly always
             self._send_failures = 0

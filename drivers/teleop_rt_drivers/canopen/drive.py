@@ -82,7 +82,7 @@ class Drive:
         self.intent = IDLE
         self.fell_out = False
         self._zero = zero
-        self._aligned = True
+        self.record.source.aligned = 1
         self._counters = counters
         self._force_per_count = force_per_count
         self._control_slot = rpdo.slot(cia402.CONTROLWORD)
@@ -100,7 +100,7 @@ class Drive:
         self._aim = bound(exchange.set_target, (stored,), 0.0)
 
     def sender(self, door: CanDoor) -> Callable[[float], int] | None:
-        """Return a sender of a position [rig unit] while `follows`, as `put_frame` does.
+        """Return a sender of a position [rig unit]: see `exchange.send_position`.
 
         A drive that takes forces has none: its loop computes them first.
         """
@@ -175,7 +175,7 @@ class Drive:
         self.fell_out = False
         self._intend(ARMING)
         self.record.counts[_SEEN] = _UNSEEN
-        self._aligned = self._zero == "encoder"
+        self.record.source.aligned = self._zero == "encoder"
 
     def disarm(self) -> None:
         """Begin again without power."""
@@ -187,11 +187,6 @@ class Drive:
         source.statusword = source.seen = -1
         source.silent_cycles = SILENT_CYCLES
 
-    @property
-    def follows(self) -> bool:
-        """Return whether a position is commanded as it is."""
-        return self.intent is RUNNING and self._aligned
-
     def command(self, position: float) -> bytes:
         """Return the command frame for a position [rig unit]; it acts at the next SYNC.
 
@@ -200,9 +195,9 @@ class Drive:
         if self.intent is not RUNNING:
             self._stay()
         elif math.isfinite(position):
-            if not self._aligned:
-                self._aligned = True
-                source = self.record.source
+            source = self.record.source
+            if not source.aligned:
+                source.aligned = 1
                 source.offset += position - (source.offset + source.gain * source.actual)
             self._position = position
             self._aim(position)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 UNSENT = 1 << 11
 """Bit of `exchange` for a SYNC that could not be sent."""
+NOT_PLAIN = -1 << 20
+"""In place of a time: the position is not commanded as it is, and nothing was sent."""
 LOWEST, HIGHEST = -(2**31), 2**31 - 1
 _TARGET_BITS = 0xFFFFFFFF  # a target is a signed number of 32 bits
 _BITS = 8  # of a byte: places in a frame count bytes
@@ -129,7 +132,12 @@ def command_word(drive: SourceFields, control: int) -> int:
 def send_position(
     drives: Sources, door: Doors, words: Whole, head: int, control: int, position: float
 ) -> int:
-    """Aim the drive (1,) and send its command; return as `put_frame` does."""
+    """Aim the drive (1,) and send its command; return as `put_frame` does.
+
+    Return NOT_PLAIN if it does not follow, its zero is not known, or the position is no number.
+    """
     drive: Any = drives[0]
+    if drive.running == 0 or drive.aligned == 0 or not math.isfinite(position):
+        return NOT_PLAIN
     drive.target = target_of(drive, position)
     return put_frame(door, words, head, command_word(drive, control))

@@ -54,8 +54,9 @@ class SourceFields:
     force_counts: float
     force_gain: float
     silent_cycles: int
-    # Whether it is to follow, by the last statusword that was looked at.
+    # Whether it is to follow, by the last statusword that was looked at, and its zero is known.
     running: int
+    aligned: int
     # Its command: places in the frame, and the target that was sent last [counts].
     target_at: int
     control_at: int

@@ -19,7 +19,6 @@ from teleop_rt_drivers.framed.signal import MeasuredSignal, Switch
 from teleop_rt_drivers.framed.stream import keep_arrivals
 from teleop_rt_drivers.framed.taking import (
     FORCE_SHIFT,
-    NO_SAMPLE,
     SILENT,
     TOO_OLD,
     UNUSUAL,
@@ -81,7 +80,7 @@ class FramedAxis:
         self.drivetrain: Drivetrain | None = None
         self._fault = NO_AXIS_FAULT
         self._complaint = ""
-        self._found = self._missing = 0
+        self._found = 0
         self._bind(Sample())
         self._configured = False
         self._watching = False
@@ -151,7 +150,7 @@ class FramedAxis:
             port.open()
         self._fault = NO_AXIS_FAULT
         self._complaint = ""
-        self._missing = 0
+        self._sample.missing = 0
         self._watching = False
         self._lines = quiet_lines(self._ports)
         now_ns = self._now_ns()
@@ -206,19 +205,17 @@ class FramedAxis:
         if lines is None or not lines.are_quiet(now_ns):
             for port in self._ports:
                 port.drain(now_ns)
-        for port in self._ports:
-            wrong |= port.fault is not NO_AXIS_FAULT
+                wrong |= port.fault is not NO_AXIS_FAULT
         if not self._watching:
             self._begin(now_ns)
         closed = self._switch is not None and self._switch.closed
         found = self._settle(now_ns, closed, self.counters.rejected, self._fault)
-        sample.stale, self._found = "", found
+        sample.stale = ""
         if (drive := self._drive) is not None:
             wrong |= drive.settle(now_ns)
             drive.fill(sample)
-        if not found & NO_SAMPLE:
-            self._missing = 0
         if wrong or found & UNUSUAL:
+            self._found = found
             self._correct(sample)
         if self.drivetrain is not None and self._force is not None:
             self.drivetrain.free(sample)
@@ -231,9 +228,8 @@ class FramedAxis:
             if found & TOO_OLD:
                 sample.stale = sample.stale or signal.too_old
         if sample.stale:
-            self._missing += 1
             self.counters["cycles_without_sample"] += 1
-            sample.missing = self._missing
+            sample.missing += 1
         self._find_faults()
         sample.rejected, sample.fault = self.counters.rejected, self._fault
 

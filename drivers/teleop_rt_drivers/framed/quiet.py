@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from teleop_rt.axis import NO_AXIS_FAULT
 from teleop_rt.kernels.jit import bound, kernel
 from teleop_rt.realtime.system_calls import COUNT_BYTES, count_delivered
 from teleop_rt_drivers.framed.serial_port import SerialPort
@@ -44,12 +45,15 @@ class QuietLines:
     def are_quiet(self, now_ns: int) -> bool:
         """Return whether the lines are watched and nothing waits: they were empty at that time.
 
-        Where nobody watches, the frames of a period wait: the lines are not asked twice.
+        Where nobody watches, the frames of a period wait: the lines are not asked twice. A port
+        with a fault is not quiet.
         """
         ports = self._ports
         if not ports[0].empty_ns or not self._none_waits():
             return False
         for port in ports:
+            if port.fault is not NO_AXIS_FAULT:
+                return False
             port.empty_ns = now_ns
         return True
 
