@@ -24,7 +24,7 @@ from teleop_rt.link.codec import (
     kind_of,
     pack_header,
 )
-from teleop_rt.link.door import PacketDoor, receive_expected
+from teleop_rt.link.door import OTHER, PacketDoor, receive_expected
 from teleop_rt.link.endpoint_state import EndpointState
 from teleop_rt.link.handshake import Answerer, Caller
 from teleop_rt.link.keys import PeerKeys
@@ -114,7 +114,7 @@ class Endpoint(EndpointState):
         self._outgoing: Outgoing | None = None
         if self._udp is not None:
             self._door = PacketDoor(self._udp.packets, self._udp.descriptor)
-            self._outgoing = Outgoing(self._udp, self.words)
+            self._outgoing = Outgoing(self._udp, self.words, self.statistics.words)
         self._bind(ReplayWindow())
         self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
         self._sent = self.statistics.words.data[SENT : SENT + 1]
@@ -145,7 +145,8 @@ class Endpoint(EndpointState):
         udp, door, session = self._udp, self._door, self.sessions.current
         if udp is None or door is None or session is None or not udp.is_empty:
             return False
-        if length := self._receive_expected(udp.name, session.signed_id, self._kinds):
+        length = self._receive_expected(udp.name, session.signed_id, self._kinds)
+        if length > 0:
             sealed = door.newest if length == door.length else door.sealed(length)  # nearly always
             try:
                 body = session.incoming.aead.decrypt(door.nonce, sealed, door.clear)
@@ -153,8 +154,8 @@ class Endpoint(EndpointState):
                 self.statistics.reject(NOT_AUTHENTIC)
             else:
                 self._take_expected(session, body, now_ns)
-        elif (count := door.received) > 0:
-            udp.take_up(count)
+        elif length == OTHER:
+            udp.take_up(door.received)
             return False
         return True
 
@@ -208,13 +209,13 @@ class Endpoint(EndpointState):
         now_ns = self._now_ns()
         if outgoing is None:
             self._send(session, kind, body, now_ns)
+            self._sent[0] += 1
         else:
             session.sequence = sequence = session.sequence + 1  # each is used once
             outgoing.write_head(kind, session.signed_id, sequence, now_ns)
             sealed = session.outgoing.aead.encrypt(outgoing.nonce, body, outgoing.clear)
             if not outgoing.send_sealed(sealed):
                 self.transport.send(bytes(outgoing.clear) + sealed)
-        self._sent[0] += 1
 
     def close(self) -> None:
         """Close the transport."""

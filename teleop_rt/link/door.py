@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Whole = NDArray[np.int64]
 
-OTHER = 0
+NOTHING, OTHER = 0, -1
 """In place of a length: nothing came, or something that is to be looked at step by step."""
 
 
@@ -89,10 +89,13 @@ def receive_expected(
     """Receive the waiting packets; return the length of a single one that is expected.
 
     That is one more of this session, of one of these kinds (bits), from this sender: the first
-    word of its address. Whatever else came lies as it was received, and OTHER is returned.
+    word of its address. Whatever else came lies as it was received, and OTHER is returned; NOTHING,
+    also for a socket that reports an error.
     """
     door: Any = doors[0]
     door.received = receive_packets(door.descriptor, door.headers, door.most)
+    if door.received <= 0:
+        return NOTHING
     if door.received != 1 or names[0] != sender:
         return OTHER
     length = int(lengths[0])

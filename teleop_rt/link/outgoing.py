@@ -12,6 +12,7 @@ from teleop_rt.kernels.record import record_type
 from teleop_rt.link import codec
 from teleop_rt.link.intake import PEER_STAMP, PEER_STAMP_TAKEN, put_whole
 from teleop_rt.link.noise import NONCE_BYTES, NONCE_NUMBER_AT
+from teleop_rt.link.statistics import SENT
 from teleop_rt.link.transport import MAX_DATAGRAM
 from teleop_rt.realtime.system_calls import send_bytes_to
 
@@ -39,12 +40,13 @@ StoredOutgoing = NDArray[np.record]
 
 
 class Outgoing:
-    """A packet to be sent over a socket from an end whose words are `link`.
+    """A packet to be sent over a socket from an end whose words are `link`, and its `statistics`'.
 
-    `write_head` writes its header, `clear`, and its `nonce`; `send_sealed` sends it with a body.
+    `write_head` counts it and writes its header, `clear`, and its `nonce`; `send_sealed` sends it
+    with a body.
     """
 
-    def __init__(self, udp: UdpTransport, link: Whole) -> None:
+    def __init__(self, udp: UdpTransport, link: Whole, statistics: Whole) -> None:
         packet, nonce = np.zeros(MAX_DATAGRAM, np.uint8), np.zeros(NONCE_BYTES, np.uint8)
         packet[: codec.VERSION_AT] = np.frombuffer(codec.MAGIC, np.uint8)
         packet[codec.VERSION_AT] = codec.VERSION
@@ -53,7 +55,7 @@ class Outgoing:
         fields = cast("OutgoingFields", stored[0])
         fields.descriptor, fields.packet = udp.descriptor, packet.ctypes.data
         fields.name = udp.peer_name.ctypes.data
-        self.write_head = bound(write_head, (packet, nonce, link), 0, 0, 0, 0)
+        self.write_head = bound(write_head, (packet, nonce, link, statistics), 0, 0, 0, 0)
         self.send_sealed = bound(send_sealed, (stored, packet, udp.peer_name), b"")
 
 
@@ -62,12 +64,14 @@ def write_head(
     packet: Bytes,
     nonce: Bytes,
     link: Whole,
+    statistics: Whole,
     kind: int,
     session: int,
     sequence: int,
     now_ns: int,
 ) -> None:
-    """Write the header and the nonce of one more packet of this kind and session."""
+    """Count one more packet of this kind and session, and write its header and nonce."""
+    statistics[SENT] += 1
     packet[_KIND_AT] = kind
     put_whole(packet, _SESSION_AT, session)
     put_whole(packet, _SEQUENCE_AT, sequence)
