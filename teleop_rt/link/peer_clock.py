@@ -34,7 +34,7 @@ FARTHEST_NS = 1 << 60
 
 (
     _KNOWN,
-    _FIXED,
+    FIXED,
     _DECLARED,
     _OFFSET,
     _LEAST,  # round trip, of this window and of the one before
@@ -77,11 +77,11 @@ def match_round_trip(
 def _follow(clock: Whole, now_ns: int) -> None:
     """Move the offset to that of the least round trip."""
     reach_ns = (now_ns - clock[_SLEWED]) // (1_000_000 // SLEW_PPM)
-    if clock[_FIXED] and not reach_ns:
+    if clock[FIXED] and not reach_ns:
         return  # so little time has passed that it would be rounded to nothing
     older = 0 <= clock[_LEAST_BEFORE] < clock[_LEAST]
     wanted_ns = clock[_OFFSET_BEFORE] if older else clock[_OFFSET_OF_LEAST]
-    if clock[_FIXED]:
+    if clock[FIXED]:
         clock[_OFFSET] += min(max(wanted_ns - clock[_OFFSET], -reach_ns), reach_ns)
     else:
         clock[_OFFSET] = wanted_ns
@@ -100,7 +100,7 @@ def age_of(clock: Whole, stamp_ns: int, now_ns: int) -> int:
     clock[TRANSIT] = transit_ns
     if transit_ns < -clock[_TOLERANCE]:
         return UNDATED
-    if not clock[_FIXED] and clock[_DECLARED] < 0:
+    if not clock[FIXED] and clock[_DECLARED] < 0:
         _note_transit(clock, transit_ns, now_ns)
     return int(transit_ns - _one_way(clock))
 
@@ -119,7 +119,7 @@ def _one_way(clock: Whole) -> int:
     """Return the link's own one-way time: declared, fixed, or the longest of the last second."""
     if clock[_DECLARED] >= 0:
         return int(clock[_DECLARED])
-    if clock[_FIXED]:
+    if clock[FIXED]:
         return int(clock[_OWN])
     return int(max(clock[_TRANSIT_PEAK], clock[_TRANSIT_PEAK_BEFORE]))
 
@@ -127,14 +127,13 @@ def _one_way(clock: Whole) -> int:
 class PeerClock:
     """Offset of the peer's clock [ns, theirs minus ours] and the link's own one-way time [ns].
 
-    `words` hold its state, for the kernels; `held` (1,) is not 0 while it is `fixed`.
+    `words` hold its state, for the kernels.
     """
 
     def __init__(self, one_way_max_ns: int | None = None) -> None:
         self.words = np.zeros(_WORDS, np.int64)
         self.words[_DECLARED] = -1 if one_way_max_ns is None else one_way_max_ns
         self._words = self.words.data
-        self.held = self._words[_FIXED : _FIXED + 1]
         self.forget()
 
     @property
@@ -145,7 +144,7 @@ class PeerClock:
     @property
     def fixed(self) -> bool:
         """Whether offset and one-way time are held."""
-        return bool(self._words[_FIXED])
+        return bool(self._words[FIXED])
 
     @property
     def offset_ns(self) -> int:
@@ -171,11 +170,11 @@ class PeerClock:
         """Hold offset and one-way time from now on, as far as they are known."""
         if self.known and not self.fixed:
             self._words[_OWN] = self.one_way_ns
-            self._words[_FIXED] = 1
+            self._words[FIXED] = 1
 
     def release(self) -> None:
         """Let them follow the link again."""
-        self._words[_FIXED] = 0
+        self._words[FIXED] = 0
 
     def exchange(self, sent_ns: int, peer_received_ns: int, peer_sent_ns: int, now_ns: int) -> int:
         """Take in a round trip: our stamp, the peer's two, our arrival; return its length [ns].

@@ -29,11 +29,20 @@ from teleop_rt.slave.model_sender import ModelSender
 from teleop_rt.slave.protection import protect
 from teleop_rt.slave.record import TickRecord, place
 from teleop_rt.slave.recorded_row import row_recorder
-from teleop_rt.slave.step import CHECK, FOLLOW, LEAD, NO_INPUTS, STOP_DRIVE, ZEROS, decide
+from teleop_rt.slave.step import (
+    CHECK,
+    FOLLOW,
+    HOLD_CLOCK,
+    LEAD,
+    NO_INPUTS,
+    STOP_DRIVE,
+    ZEROS,
+    decide,
+)
 
 # Where the fields that this module reads one by one are in the record of a tick.
 _LATE, _RUNS_OUT = place("late_ns"), place("runs_out_ns")
-_POSITION, _LED, _WRITTEN = place("position"), place("led"), place("written")
+_POSITION, _WRITTEN = place("position"), place("written")
 _CALM = place("calm")
 _KIND = Kind.STATE
 _HOLDS = frozenset({faults.ARMED, faults.RUN, faults.HOLD})
@@ -63,7 +72,6 @@ class Slave:
         rig = trial.rig
         self._axis = axis
         self._endpoint = endpoint
-        self._clock_held = endpoint.clock.held
         self._pipeline = pipeline
         self._shifts = pipeline.shifts
         self._now_ns = now_ns
@@ -119,6 +127,7 @@ class Slave:
             self.safety.on_hardware.record,
             self._endpoint.statistics.words,
             self._endpoint.words,
+            self._endpoint.clock.words,
             self._endpoint.newest_motion.stored,
             self._row.stored,
             self._body,
@@ -217,10 +226,10 @@ class Slave:
             CHECK, self.tick, self._stamp_ns, skipped, wake_latency_ns, ready, shift,
             self.reference.homed,
         )  # fmt: skip
-        if action == ZEROS:
-            action = self._advance_zeros()
-        if action == STOP_DRIVE or (self._counts[_LED] and not self._clock_held[0]):
-            self._hold_clock(action)
+        if action != FOLLOW:
+            if action == ZEROS:
+                action = self._advance_zeros()
+            action = self._hold_clock(action)
         self._act(action)
         last = self.stopped
         if not (
@@ -284,15 +293,17 @@ class Slave:
         self._floats[_POSITION] = self._sample.position
         return self._decide(LEAD, *NO_INPUTS)
 
-    def _hold_clock(self, action: int) -> None:
+    def _hold_clock(self, action: int) -> int:
         """Keep the link's state at arming, or at the first motion led, until the axis is off.
 
         A link that could become slower while the axis follows would let old motion pass for news.
+        Return the action without its bit.
         """
         if action == STOP_DRIVE:
             self._endpoint.clock.release()
-        else:
+        elif action & HOLD_CLOCK:
             self._endpoint.fix_clock()
+        return action & ~HOLD_CLOCK
 
     def _driver_raised(self, error: Exception) -> None:
         """Stop for an error of the driver, which gave no sample or took no command."""

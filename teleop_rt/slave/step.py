@@ -18,6 +18,7 @@ from teleop_rt.kernels.jit import kernel
 from teleop_rt.link import intake
 from teleop_rt.link import statistics as counted
 from teleop_rt.link.bodies import NewestMotion, StoredMotion, StoredState, new_state_body
+from teleop_rt.link.peer_clock import FIXED, PeerClock
 from teleop_rt.realtime.lateness import ON_HARDWARE, PERIOD_NS, Counts, Lateness, late_ns
 from teleop_rt.realtime.row import NamedRow, StoredRow
 from teleop_rt.signals import SLAVE
@@ -38,6 +39,8 @@ NO_INPUTS = 0, 0, 0, 0, False, 0.0, False
 """In place of a tick's inputs, where the step is resumed."""
 ZEROS, STOP_DRIVE, STAND, FOLLOW = range(4)
 """The action to take: advance the zeros and go on, stop the drive, stand, or follow."""
+HOLD_CLOCK = 1 << 2
+"""Bit of an action: the state of the link is to be held first, for the master leads."""
 _ARMED, _RUN, _HOLD = int(faults.ARMED), int(faults.RUN), int(faults.HOLD)
 _MOST = np.uint64(2**63 - 1)
 """The largest contact that the record can hold: a master's own number may be larger."""
@@ -219,6 +222,7 @@ def decide(
     on_hardware: Counts,
     link: Counts,
     end: Counts,
+    clock: Counts,
     motion: StoredMotion,
     rows: StoredRow,
     bodies: StoredState,
@@ -233,7 +237,8 @@ def decide(
 ) -> int:
     """Advance safety, supervision, guard and limiter by one cycle; return the action to take.
 
-    `link` are the words of an end's statistics, and `end` its own. The arguments after the stage
+    `link` are the words of an end's statistics, `end` its own, and `clock` those of its peer's
+    clock; the action has the bit HOLD_CLOCK while that is not fixed. The arguments after the stage
     are the inputs of the tick of this number; LEAD takes those of CHECK, whatever it is given.
     With ZEROS, `Reference.update` is to be called and the step to be resumed at LEAD.
     """
@@ -259,6 +264,8 @@ def decide(
     action = act(tick)
     write_row(tick, estimators[0], link, rows[0])
     write_state(tick, bodies[0])
+    if action != STOP_DRIVE and tick.led > 0 and clock[FIXED] == 0:
+        action |= HOLD_CLOCK
     return action
 
 
@@ -266,8 +273,9 @@ def compile_step() -> None:
     """Compile the step, and the stop of the axis, into the cache, before a slave needs it."""
     late = Lateness(ON_HARDWARE, 1_000_000).record
     record, row, link = TickRecord(), NamedRow(SLAVE).stored, counted.Statistics().words
-    motion, end = NewestMotion().stored, intake.new_words(0, 0)
+    motion, end, clock = NewestMotion().stored, intake.new_words(0, 0), PeerClock().words
     state, body = estimation.new_state()[0], new_state_body()
-    arrays = record.stored, Sample().stored, state, late, late, link, end, motion, row, body
+    ends = link, end, clock, motion
+    arrays = record.stored, Sample().stored, state, late, late, *ends, row, body
     decide(*arrays, LEAD, *NO_INPUTS)
     stand_at(record.tick, 0.0)

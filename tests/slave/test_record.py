@@ -1,5 +1,7 @@
 """A tick takes in and gives out all values by one call each: each in the field of its name."""
 
+from typing import Any
+
 import pytest
 
 from teleop_rt.axis import Sample
@@ -8,26 +10,61 @@ from teleop_rt.link.bodies import NewestMotion, new_state_body
 from teleop_rt.link.codec import decode, encode
 from teleop_rt.link.intake import new_words
 from teleop_rt.link.messages import Kind, MotionMessage, StateMessage
+from teleop_rt.link.peer_clock import FIXED, PeerClock
 from teleop_rt.link.statistics import Statistics
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
 from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import SLAVE
+from teleop_rt.slave import faults
 from teleop_rt.slave.record import TickRecord
-from teleop_rt.slave.step import CHECK, LEAD, NO_INPUTS, decide, read_motion
+from teleop_rt.slave.step import (
+    CHECK,
+    FOLLOW,
+    HOLD_CLOCK,
+    LEAD,
+    NO_INPUTS,
+    STAND,
+    STOP_DRIVE,
+    decide,
+    read_motion,
+)
+
+
+def arrays_of(record: TickRecord, clock: PeerClock) -> tuple[Any, ...]:
+    """Return the arrays of a step, all zeros beside these."""
+    late = Lateness(ON_HARDWARE, 1_000_000).record
+    return (
+        record.stored, Sample().stored, new_state()[0], late, late.copy(), Statistics().words,
+        new_words(0, 0), clock.words, NewestMotion().stored, NamedRow(SLAVE).stored,
+        new_state_body(),
+    )  # fmt: skip
 
 
 def test_the_inputs_of_a_tick_are_written_into_the_fields_of_their_names() -> None:
-    late, record = Lateness(ON_HARDWARE, 1_000_000).record, TickRecord()
-    arrays = (
-        record.stored, Sample().stored, new_state()[0], late, late.copy(), Statistics().words,
-        new_words(0, 0), NewestMotion().stored, NamedRow(SLAVE).stored, new_state_body(),
-    )  # fmt: skip
+    record = TickRecord()
+    arrays = arrays_of(record, PeerClock())
     inputs = 2, 3_000_000_000, 4, 500_000, True, 6.5, True
     names = ("tick", "now_ns", "skipped", "wake_latency_ns", "ready", "surface_shift", "homed")
     decide(*arrays, CHECK, *inputs)
     assert tuple(getattr(record.tick, name) for name in names) == inputs
     decide(*arrays, LEAD, *NO_INPUTS)
     assert tuple(getattr(record.tick, name) for name in names) == inputs
+
+
+@pytest.mark.parametrize(("led", "fixed", "state", "action"), [
+    (True, False, faults.RUN, FOLLOW | HOLD_CLOCK),
+    (True, True, faults.RUN, FOLLOW),
+    (False, False, faults.RUN, FOLLOW),
+    (True, False, faults.ARMED, STAND | HOLD_CLOCK),
+    (True, False, faults.DISARMED, STOP_DRIVE),
+])  # fmt: skip
+def test_the_link_s_state_is_to_be_held_once_the_master_leads_an_axis_under_power(
+    led: bool, fixed: bool, state: int, action: int
+) -> None:
+    record, clock = TickRecord(), PeerClock()
+    clock.words[FIXED] = fixed
+    record.tick.led, record.tick.state = led, state
+    assert decide(*arrays_of(record, clock), LEAD, *NO_INPUTS) == action
 
 
 def test_the_body_of_a_state_is_what_its_message_packs() -> None:
