@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.realtime.alarms import of_recorder
+from teleop_rt.trial.chatter import chatter_note
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.grades import POOR_NRMSE, selected_nrmse
 from teleop_rt.trial.late import cause
@@ -43,6 +44,7 @@ def all_notes(
         missed = unmet(trial, truth["environment"], truth.get("start", 0.0))
         notes += [str(one) for one in missed]
     notes += _over_cap(trial, slave)
+    notes += chatter_note(trial, slave)
     notes += stuck_force(trial, slave)
     notes += _steps(trial, slave)
     if outcome.get("interrupted"):

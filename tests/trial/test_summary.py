@@ -77,7 +77,11 @@ def test_a_force_above_the_cap_is_noted_with_its_size_and_its_longest_time():
     force, valid = np.full(100, 89.9), np.ones(100)
     force[10:14], force[40:47], force[80], valid[80] = 95.0, 101.0, 300.0, 0.0
     slave = {"force": force, "valid": valid, "in_contact": np.zeros(100)}
-    slave |= {"position": np.zeros(100), "surface": np.full(100, np.nan)}
+    slave |= {
+        "stamp_ns": 1e6 * np.arange(100.0),
+        "position": np.zeros(100),
+        "surface": np.full(100, np.nan),
+    }
     adequate = {"inadequate": False}
     given = (outcome(), replayed(), adequate, None, 20.0)
     (note,) = summary_notes.all_notes(silicone(), slave, *given)
