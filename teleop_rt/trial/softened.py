@@ -19,16 +19,42 @@ def softened(master: Mapping[str, Any], units: Units) -> str | None:
     `master` is that part of a summary. The stiffness that the device must bear is that of a quick
     touch, which the damping adds to: the share of the force is that of the moment itself.
     """
-    passivity = (master.get("rendering") or {}).get("passivity")
-    if not passivity:
+    if (values := _reduced(master, "stiffness")) is None:
         return None
-    stiffness = passivity["stiffness"]
-    rendered, true = stiffness["rendered"], stiffness["true"]
-    if not 0.0 < rendered < true:
-        return None
+    soft, stiff = values
     unit = f"{units.force}/{units.position}"
-    soft, stiff = (f"{float(f'{value:.3g}'):g}" for value in (rendered, true))
     said = f"at most {soft} {unit} is passive on this device; with its damping the wall has {stiff}"
+    return _with_share(said, master, units)
+
+
+def calmed(master: Mapping[str, Any], units: Units) -> str | None:
+    """Return how much of a wall's damping was felt; None where the newest was rendered as it is.
+
+    `master` is that part of a summary. The share of the force stands with the stiffness if that is
+    reduced as well.
+    """
+    if (values := _reduced(master, "damping")) is None:
+        return None
+    calm, damped = values
+    unit = f"{units.force} s/{units.position}"
+    said = f"beside its stiffness at most {calm} {unit} is passive on this device; the wall has "
+    said += damped
+    return said if _reduced(master, "stiffness") else _with_share(said, master, units)
+
+
+def _reduced(master: Mapping[str, Any], which: str) -> tuple[str, str] | None:
+    """Return a property of the newest wall as rendered and as it is; None if they are the same."""
+    passivity = (master.get("rendering") or {}).get("passivity")
+    if not passivity or not passivity["stiffness"]["rendered"] > 0.0:
+        return None
+    rendered, true = passivity[which]["rendered"], passivity[which]["true"]
+    if not rendered < true:
+        return None
+    return f"{float(f'{rendered:.3g}'):g}", f"{float(f'{true:.3g}'):g}"
+
+
+def _with_share(said: str, master: Mapping[str, Any], units: Units) -> str:
+    """Return a sentence behind the felt share of the force, if the bound is its cause."""
     unfelt = master.get("unfelt")
     if unfelt is None or unfelt.get("cause") not in {None, "bound"}:
         return said

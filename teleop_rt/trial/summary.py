@@ -29,7 +29,7 @@ from teleop_rt.trial.grades import grades
 from teleop_rt.trial.software import software
 from teleop_rt.trial.summary_notes import all_notes
 from teleop_rt.trial.true_port import LAG_MARGIN_S, true_port
-from teleop_rt.trial.unfelt import most_unfelt
+from teleop_rt.trial.unfelt import BOUND_SIGNALS, most_unfelt
 from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ _SIGNALS = {
         "wake_latency_us",
         "work_us",
     ),
-    "/master": (*SIGNALS, "surface", "true_stiffness", "rendered_stiffness", "true_damping"),
+    "/master": (*SIGNALS, "surface", *BOUND_SIGNALS),
 }
 """The signals of a summary: an hour of all signals would not fit into memory."""
 

@@ -24,7 +24,7 @@ from teleop_rt.trial.grades import (
     selected_nrmse,
 )
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
-from teleop_rt.trial.softened import softened, unfollowed
+from teleop_rt.trial.softened import calmed, softened, unfollowed
 
 _GRADED = {
     "ran": "loop",
@@ -161,6 +161,8 @@ def _unfelt(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]
     """Give the lines of a tool that pressed harder than was felt, by their cause."""
     if (said := softened(master, units)) is not None:
         yield "felt of a stiff wall", said
+    if (said := calmed(master, units)) is not None:
+        yield "felt of a damped wall", said
     if (said := unfollowed(master, units)) is not None:
         yield "felt of a wall not followed", said
 

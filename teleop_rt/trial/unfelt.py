@@ -14,6 +14,11 @@ MARGIN_S = 0.05
 """By which a force may be later than the link's round trip: sampling, filters and jitter."""
 EXPLAINED = 0.5
 """Share of the missing force [1] from which one cause of it is the main one."""
+BESIDE = 3
+"""Samples on both sides of a force in which the tool had the velocity that made it: the sensor's
+lag."""
+BOUND_SIGNALS = ("true_stiffness", "rendered_stiffness", "true_damping", "rendered_damping")
+"""The master's signals of a wall, as it is and as the bound lets it be rendered."""
 Cause = Literal["bound", "model", "other"]
 
 
@@ -51,43 +56,55 @@ def most_unfelt(trial: TrialConfig, slave: Columns, master: Columns) -> dict[str
     }
 
 
-def _tool(slave: Columns, span_ns: NDArray[np.float64], pressed: float) -> float | None:
-    """Return the tool's position when it pressed with a force, between two stamps (2,)."""
+def _tool(
+    slave: Columns, span_ns: NDArray[np.float64], pressed: float
+) -> tuple[float, float] | None:
+    """Return the tool's position and velocity when it pressed so hard, between two stamps (2,)."""
     if not slave:
         return None
     within = (slave["stamp_ns"] >= span_ns[0]) & (slave["stamp_ns"] <= span_ns[1])
     within &= slave["valid"] > 0
     if not within.any():
         return None
-    nearest = np.argmin(np.abs(slave["force"][within] - pressed))
-    return float(slave["position"][within][nearest])
+    row = np.flatnonzero(within)[np.argmin(np.abs(slave["force"][within] - pressed))]
+    return float(slave["position"][row]), _fastest(slave, int(row))
+
+
+def _fastest(slave: Columns, row: int) -> float:
+    """Return the tool's largest velocity between samples beside a row, at least 0.
+
+    A filtered one lags, and misses the steps of a link that jitters, which damping answers.
+    """
+    rows = slice(max(0, row - BESIDE), row + BESIDE + 1)
+    steps, took_ns = (np.diff(slave[key][rows]) for key in ("position", "sample_stamp_ns"))
+    fresh = took_ns > 0.0
+    return max(0.0, float(np.max(1e9 * steps[fresh] / took_ns[fresh], initial=0.0)))
 
 
 def _why(
     trial: TrialConfig,
     master: Columns,
     row: int,
-    tool: float | None,
+    tool: tuple[float, float] | None,
     felt_and_pressed: tuple[float, float],
 ) -> dict[str, Any]:
     """Return the cause of a missing force, by the force that the wall of a row has unbounded.
 
-    That is at the tool's place, by the wall's largest slopes: at most so much. All null where tool
-    or wall are not known.
+    That is at the tool's place and velocity, by the wall's largest slopes: at most so much. All
+    null where tool or wall are not known.
     """
     surface = float(master["surface"][row])
     if tool is None or not np.isfinite(surface):
         return dict.fromkeys(("cause", "tool", "surface", "modelled"))
-    felt, pressed = felt_and_pressed
-    depth, modelled = tool - surface, 0.0
+    (felt, pressed), (position, velocity) = felt_and_pressed, tool
+    wall = {key: float(master[key][row]) for key in BOUND_SIGNALS}
+    depth, modelled = position - surface, 0.0
     if depth > 0.0:
-        approach = max(0.0, trial.master.position_scale * float(master["velocity"][row]))
-        modelled = float(master["true_stiffness"][row] * depth)
-        modelled += float(master["true_damping"][row]) * approach
+        modelled = wall["true_stiffness"] * depth + wall["true_damping"] * max(0.0, velocity)
     cause: Cause = "other"
     missing = pressed - felt
     if modelled < felt + EXPLAINED * missing and missing > trial.contact.onset_force:
         cause = "model"
-    elif master["rendered_stiffness"][row] < master["true_stiffness"][row]:
+    elif any(wall[f"rendered_{key}"] < wall[f"true_{key}"] for key in ("stiffness", "damping")):
         cause = "bound"
-    return {"cause": cause, "tool": tool, "surface": surface, "modelled": modelled}
+    return {"cause": cause, "tool": position, "surface": surface, "modelled": modelled}

@@ -9,7 +9,7 @@ from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
 from teleop_rt.metrics import in_percent
 from teleop_rt.trial.grades import Grade, grades, is_short, lost_share, selected_nrmse, worst
 from teleop_rt.trial.late import on_hardware, stalls
-from teleop_rt.trial.softened import softened, unfollowed
+from teleop_rt.trial.softened import calmed, softened, unfollowed
 from teleop_rt.view.delay import Delays
 from teleop_rt.view.html import Tile
 from teleop_rt.view.quantities import small_position
@@ -75,6 +75,8 @@ def _felt(run: Run, grade: Grade) -> Tile:
         lines.append(at_most if met["phantom_force"] > 0.0 else "nothing felt where nothing is")
     if (share := softened(master, run.units)) is not None:
         lines.append(f"of a stiff wall {share}")
+    if (share := calmed(master, run.units)) is not None:
+        lines.append(f"of a damped wall {share}")
     if (share := unfollowed(master, run.units)) is not None:
         lines.append(f"of a wall not followed {share}")
     return Tile("Force under the hand", grade, f"{in_percent(nrmse)} error", tuple(lines))

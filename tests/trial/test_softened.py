@@ -7,7 +7,7 @@ from teleop_rt.cli.wiring import load_trial_file, open_bench
 from teleop_rt.config.section import Units
 from teleop_rt.trial.folder import write_trial
 from teleop_rt.trial.lockstep_run import run_lockstep
-from teleop_rt.trial.softened import softened, unfollowed
+from teleop_rt.trial.softened import calmed, softened, unfollowed
 from teleop_rt.trial.summary import summarise
 from teleop_rt.trial.unfelt import most_unfelt
 from teleop_rt_dev.paths import TRIALS
@@ -18,9 +18,13 @@ UNITS = Units(position="m", force="N")
 UNFELT = {"pressed": 71.4, "felt": 10.0, "share": 0.14, "at_s": 7.6}
 
 
-def master(rendered, unfelt=UNFELT):
-    stiffness = {"true": 50_087.0, "rendered": rendered}
-    return {"rendering": {"passivity": {"stiffness": stiffness}}, "unfelt": unfelt}
+WHOLE = {"true": 20.0, "rendered": 20.0}
+CALMED = {"true": 200.53, "rendered": 21.98}
+
+
+def master(rendered, unfelt=UNFELT, damping=WHOLE):
+    passivity = {"stiffness": {"true": 50_087.0, "rendered": rendered}, "damping": damping}
+    return {"rendering": {"passivity": passivity}, "unfelt": unfelt}
 
 
 def test_a_softened_wall_is_said_with_the_force_that_was_not_felt():
@@ -62,7 +66,7 @@ def test_a_force_that_comes_back_a_round_trip_late_is_compared_with_the_one_felt
     assert most_unfelt(trial, {}, columns | {"reflected_force": 0.0 * wave}) is None
 
 
-def moment(*, true, tool, rendered=10_000.0, size=1.0):
+def moment(*, true, tool, rendered=10_000.0, size=1.0, damping=(0.0, 0.0)):
     """Return the worst of a contact in which the tool presses with 30 N and the hand feels 10.
 
     Both times `size`.
@@ -79,12 +83,14 @@ def moment(*, true, tool, rendered=10_000.0, size=1.0):
         "surface": 0.014 * row,
         "true_stiffness": true * row,
         "rendered_stiffness": min(true, rendered) * row,
-        "true_damping": 0.0 * row,
+        "true_damping": damping[0] * row,
+        "rendered_damping": damping[1] * row,
     }
     slave = {
         "stamp_ns": 1e6 * ticks,
         "valid": row,
-        "position": np.where(ticks == 5925, tool, 0.0),
+        "sample_stamp_ns": 1e6 * ticks,
+        "position": np.clip(tool + 1e-4 * (ticks - 5925), 0.0, tool),  # 0.1 m/s, then at rest
         "force": np.where(ticks == 5925, 30.0 * size, 0.0),
     }
     found = most_unfelt(trial, slave, master)
@@ -111,6 +117,23 @@ def test_a_force_is_missing_for_the_bound_only_where_the_unbounded_wall_had_give
     assert said["unfelt"]["cause"] == cause
     assert ("33% at 6.0 s" in softened(said, UNITS)) is (cause == "bound")
     assert ((unfollowed(said, UNITS) or "").startswith("33% at 6.0 s")) is (cause == "model")
+
+
+def test_damping_that_is_not_passive_is_said_as_stiffness_is():
+    """Of 200 N s/m 22 were rendered, and no line said so."""
+    said = "beside its stiffness at most 22 N s/m is passive on this device; the wall has 201"
+    share = "14% at 7.6 s: the tool pressed with 71.4 N and the hand felt 10; "
+    assert calmed(master(50_087.0, damping=CALMED), UNITS) == share + said
+    assert calmed(master(6517.0, damping=CALMED), UNITS) == said
+    assert calmed(master(6517.0), UNITS) is None
+    assert calmed(master(0.0, damping=CALMED), UNITS) is None
+
+
+def test_a_force_that_the_rendered_damping_lacked_is_for_the_bound():
+    """At 0.1 m/s 200 N s/m give 20 N: beside 8 N of the spring a model that followed the body."""
+    found = moment(true=8000.0, tool=0.015, damping=(200.0, 22.0))["unfelt"]
+    assert (found["cause"], found["modelled"]) == ("bound", pytest.approx(28.0))
+    assert moment(true=8000.0, tool=0.015, damping=(22.0, 22.0))["unfelt"]["cause"] == "model"
 
 
 def test_noise_before_a_rendered_surface_is_no_body_that_was_not_followed():
