@@ -94,6 +94,15 @@ def converged(trial: TrialConfig, master: Columns) -> NDArray[np.bool_]:
     return later
 
 
+def moves(trial: TrialConfig, force: Array) -> bool:
+    """Return whether a force (n,) moves by more than an onset of contact takes.
+
+    Where it moves less, its correlation with another is that of noise and settling models.
+    """
+    known = force[np.isfinite(force)]
+    return bool(known.size) and float(np.ptp(known)) > trial.contact.onset_force
+
+
 def rows_to_compare(slave: Columns, master: Columns) -> Columns:
     """Return the master's rows up to the slave's last tick, with a row for every tick.
 

@@ -21,6 +21,7 @@ from teleop_rt.trial.felt_force import (
     Felt,
     converged,
     felt_force,
+    moves,
     read_truth,
     rows_to_compare,
 )
@@ -243,6 +244,9 @@ def _error_and_lags(trial: TrialConfig, felt: Felt) -> dict[str, Any]:
             np.where(in_contact, felt.true, np.nan), np.where(in_contact, felt.rendered, np.nan)
         )
     }
+    if not moves(trial, felt.true[felt.converged]):
+        still = f"contact.onset_force {trial.contact.onset_force:g}: it shows no lag"
+        return result | {"reason": f"the true force moved by less than {still}"}
     reflected_s = trial.link.round_trip_ms * 1e-3 + LAG_MARGIN_S
     unknown = []
     for key, signal, most_s in (

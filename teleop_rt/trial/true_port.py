@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.metrics import error_of_size, lag_s
-from teleop_rt.trial.felt_force import EnvironmentForce
+from teleop_rt.trial.felt_force import EnvironmentForce, moves
 
 Array = NDArray[np.float64]
 LAG_MARGIN_S = 0.5
@@ -39,11 +39,14 @@ def true_port(
     period_s = 1.0 / trial.master.rate_hz
     felt_at = scale * at["position"] - master["offset"]
     true_force = environment_force(truth, felt_at, scale * at["velocity"], period_s)
+    moved = moves(trial, true_force[converged])
     result: dict[str, float | None] = {}
     for name in ("motor", "hand"):
         felt = at[f"{name}_force"] / trial.master.force_scale
         counts = converged & ((true_force > 0.0) | (master["rendered_force"] > 0.0))
-        lag = lag_s(true_force[converged], felt[converged], period_s, LAG_MARGIN_S)
+        lag = (
+            lag_s(true_force[converged], felt[converged], period_s, LAG_MARGIN_S) if moved else None
+        )
         result[f"{name}_nrmse"] = error_of_size(
             np.where(counts, true_force, np.nan), np.where(counts, felt, np.nan)
         )

@@ -210,6 +210,36 @@ def test_a_rendering_that_is_delayed_by_20_ticks_reads_20_ms(tmp_path, default_r
     assert felt["lag_ms"] == pytest.approx(20.0, abs=0.1)
 
 
+def test_a_force_that_hardly_moves_has_no_lag():
+    """A hand at rest in tissue that is tracked had 344 ms: its force moved by 0.2 N."""
+    trial, ticks = silicone(), np.arange(9000.0)
+    noise = np.convolve(np.random.default_rng(1).normal(size=ticks.size), np.ones(200), "same")
+    hand = 0.0237 + 3e-5 * noise / np.max(np.abs(noise))  # a motion that does not repeat itself
+    master = {
+        "stamp_ns": 1e6 * ticks,
+        "tick": ticks,
+        "position": hand,
+        "velocity": np.gradient(hand, 1e-3),
+        "offset": 0.0 * ticks,
+        "contact_id": (ticks > 500).astype(float),
+    }
+    truth = {"environment": {"surface": 0.0137, "stiffness": 3600.0, "damping": 0.0}}
+    force = lambda _, x, v, dt: 3600.0 * (x - 0.0137)  # noqa: E731 - one use
+    moved = force(truth, hand, None, None)
+    master |= {"rendered_force": np.roll(moved, 344), "reflected_force": np.roll(moved, 150)}
+    felt = summary_module.judge_felt_force(trial, master, truth, force)
+    assert (felt["lag_ms"], felt["direct_reflection_lag_ms"]) == (None, None)
+    assert felt["reason"] == (
+        "the true force moved by less than contact.onset_force 0.4: it shows no lag"
+    )
+    assert felt["nrmse"] < 0.01
+    hand[:] = 0.0237 + 20 * (hand - 0.0237)
+    moved = force(truth, hand, None, None)
+    master |= {"rendered_force": np.roll(moved, 20), "reflected_force": np.roll(moved, 150)}
+    felt = summary_module.judge_felt_force(trial, master, truth, force)
+    assert felt["lag_ms"] == pytest.approx(20.0, abs=0.1)
+
+
 def test_a_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
     digests = []
     for number, seed in enumerate((3, 3, 4)):
