@@ -7,11 +7,12 @@ import socket
 
 import pytest
 from framed_bench import load
-from rig_bench import START_NS, plant_config
+from rig_bench import MS, START_NS, canopen_rig, plant_config
 
 from teleop_rt_drivers.framed.stream import DescriptorStream
 from teleop_rt_drivers.simulated.frame_devices import crc16_x25
 from teleop_rt_drivers.simulated.plant import Plant
+from teleop_rt_drivers.simulated.rig import SimulatedRig
 from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 
 
@@ -69,3 +70,55 @@ def test_every_line_is_read_where_nobody_looked_which_are_readable(lines):
     lines.network.process()
     with pytest.raises(BlockingIOError):
         os.read(lines.drive_descriptor, 1)
+
+
+class Network:
+    """Devices on one line, which have something to do so long after they were served."""
+
+    def __init__(self, served: list[str], name: str, period_ns: int) -> None:
+        self.host, self.line = socket.socketpair()
+        self._served, self._name, self._period_ns = served, name, period_ns
+
+    def power_on(self) -> None:
+        """Do nothing."""
+
+    def serve_once(self, readable) -> None:
+        self._served.append(self._name)
+        if self.line.fileno() in readable:
+            self.line.recv(100)
+
+    def due_ns(self, now_ns: int) -> int:
+        return now_ns + self._period_ns
+
+    def descriptors(self) -> list[int]:
+        return [self.line.fileno()]
+
+
+def test_a_network_is_served_where_its_frames_wait_or_its_time_has_come_and_no_other():
+    now_ns, served = START_NS, []
+    rig = SimulatedRig(plant_config(), canopen_rig(), lambda: now_ns, 1)
+    first, second = Network(served, "first", 2 * MS), Network(served, "second", 9 * MS)
+    rig.networks = [first, second]
+
+    def rounds():
+        nonlocal now_ns
+        yield ["first", "second"]  # at the beginning
+        second.host.send(b"frame")
+        yield ["second"]
+        now_ns += 2 * MS
+        yield ["first"]
+        now_ns += 9 * MS
+        yield ["first", "second"]
+
+    found, wanted = [], rounds()
+
+    def stop() -> bool:
+        if served:
+            found.append(served.copy())
+            served.clear()
+        return next(wanted, None) is None
+
+    rig.serve(stop)
+    assert found == list(rounds())
+    for end in (first.host, first.line, second.host, second.line):
+        end.close()

@@ -131,22 +131,23 @@ class SimulatedRig:
         self._advance_idle()
 
     def serve(self, stop: Callable[[], bool]) -> None:
-        """Answer until `stop()`."""
+        """Answer until `stop()`: each network where frames wait for it, or something is due."""
         self.power_on()
-        networks = self.networks
+        networks, due_ns = self.networks, [0] * len(self.networks)
         while not stop():
             now_ns = self._now_ns()
-            wait_ns = SERVE_WAIT_NS
-            descriptors: list[int] = []
-            for network in networks:
-                wait_ns = min(wait_ns, network.due_ns(now_ns) - now_ns)
-                descriptors += network.descriptors()
+            wait_ns = min(*due_ns, now_ns + SERVE_WAIT_NS) - now_ns
+            descriptors = [one for network in networks for one in network.descriptors()]
             try:
-                readable, _, _ = select.select(descriptors, (), (), max(0, wait_ns) * 1e-9)
+                found, _, _ = select.select(descriptors, (), (), max(0, wait_ns) * 1e-9)
             except (OSError, ValueError):  # a line that is being pulled is no descriptor any more
-                readable = descriptors
-            for network in networks:
-                network.serve_once(readable)
+                found = descriptors
+            readable = frozenset(found)
+            now_ns = self._now_ns()
+            for number, network in enumerate(networks):
+                if due_ns[number] <= now_ns or not readable.isdisjoint(network.descriptors()):
+                    network.serve_once(readable)
+                    due_ns[number] = network.due_ns(now_ns)
             if now_ns - self._noted_ns > IDLE_ADVANCE_NS:
                 self._advance_idle()
 

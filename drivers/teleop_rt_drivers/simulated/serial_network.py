@@ -98,10 +98,9 @@ class SerialNetwork:
             if isinstance(device, FramedServo):
                 self.drive = device
         self._unplugged: list[FrameDevice] = []
-        self._items = [
-            (device, self._streams[name], _descriptor_of(self._streams[name]))
-            for name, device in self.devices.items()
-        ]
+        self._items: list[tuple[FrameDevice, ByteStream, int]] = []
+        self._descriptors: list[int] = []
+        self._serve(list(self.devices))
 
     def power_on(self) -> None:
         """Switch every device on."""
@@ -112,7 +111,8 @@ class SerialNetwork:
         """Inject a fault by name; false where there is no such fault on a serial line."""
         if fault == "unplug":
             self._streams[device].close()
-            self._items = [item for item in self._items if item[0].name != device]
+            served = [one.name for one, *_ in self._items]
+            self._serve([name for name in served if name != device])
             self.devices[device].faults.fault = "mute"
             self._unplugged.append(self.devices[device])
             return True
@@ -153,17 +153,25 @@ class SerialNetwork:
 
     def due_ns(self, now_ns: int) -> int:
         """Return when there is something to do next."""
-        return min((device.due_ns(now_ns) for device, *_ in self._items), default=now_ns)
+        return min([device.due_ns(now_ns) for device, *_ in self._items], default=now_ns)
 
     def descriptors(self) -> list[int]:
         """Return the descriptor that becomes readable when there is something to do."""
-        return [descriptor for *_, descriptor in self._items if descriptor != NO_DESCRIPTOR]
+        return self._descriptors
 
     def close(self) -> None:
         """Release the lines."""
         for _, stream, _ in self._items:
             stream.close()
-        self._items = []
+        self._serve([])
+
+    def _serve(self, names: list[str]) -> None:
+        """Serve the lines of these devices from now on."""
+        streams = self._streams
+        self._items = [
+            (self.devices[name], streams[name], _descriptor_of(streams[name])) for name in names
+        ]
+        self._descriptors = [one for *_, one in self._items if one != NO_DESCRIPTOR]
 
     def _sender(self, stream: ByteStream) -> Callable[[bytes], None]:
         def send(data: bytes) -> None:
