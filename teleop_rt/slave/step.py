@@ -178,6 +178,13 @@ def act(tick: Tick) -> int:
 
 
 @kernel
+def prepared(tick: Tick, clock: Counts, action: int) -> int:
+    """Return an action with HOLD_CLOCK where the master leads and its clock is not fixed."""
+    holds = action != STOP_DRIVE and tick.led > 0 and clock[FIXED] == 0
+    return action | HOLD_CLOCK if holds else action
+
+
+@kernel
 def write_state(tick: Tick, body: Any) -> None:
     """Write the body of the state that the master gets, without the force that the rig adds."""
     body.position, body.force = tick.position, tick.force - tick.rig_force
@@ -264,9 +271,7 @@ def decide(
     action = act(tick)
     write_row(tick, estimators[0], link, rows[0])
     write_state(tick, bodies[0])
-    if action != STOP_DRIVE and tick.led > 0 and clock[FIXED] == 0:
-        action |= HOLD_CLOCK
-    return action
+    return prepared(tick, clock, action)
 
 
 def compile_step() -> None:

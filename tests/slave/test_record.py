@@ -1,7 +1,5 @@
 """A tick takes in and gives out all values by one call each: each in the field of its name."""
 
-from typing import Any
-
 import pytest
 
 from teleop_rt.axis import Sample
@@ -15,7 +13,6 @@ from teleop_rt.link.statistics import Statistics
 from teleop_rt.realtime.lateness import ON_HARDWARE, Lateness
 from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import SLAVE
-from teleop_rt.slave import faults
 from teleop_rt.slave.record import TickRecord
 from teleop_rt.slave.step import (
     CHECK,
@@ -26,23 +23,18 @@ from teleop_rt.slave.step import (
     STAND,
     STOP_DRIVE,
     decide,
+    prepared,
     read_motion,
 )
 
 
-def arrays_of(record: TickRecord, clock: PeerClock) -> tuple[Any, ...]:
-    """Return the arrays of a step, all zeros beside these."""
-    late = Lateness(ON_HARDWARE, 1_000_000).record
-    return (
+def test_the_inputs_of_a_tick_are_written_into_the_fields_of_their_names() -> None:
+    late, record = Lateness(ON_HARDWARE, 1_000_000).record, TickRecord()
+    arrays = (
         record.stored, Sample().stored, new_state()[0], late, late.copy(), Statistics().words,
-        new_words(0, 0), clock.words, NewestMotion().stored, NamedRow(SLAVE).stored,
+        new_words(0, 0), PeerClock().words, NewestMotion().stored, NamedRow(SLAVE).stored,
         new_state_body(),
     )  # fmt: skip
-
-
-def test_the_inputs_of_a_tick_are_written_into_the_fields_of_their_names() -> None:
-    record = TickRecord()
-    arrays = arrays_of(record, PeerClock())
     inputs = 2, 3_000_000_000, 4, 500_000, True, 6.5, True
     names = ("tick", "now_ns", "skipped", "wake_latency_ns", "ready", "surface_shift", "homed")
     decide(*arrays, CHECK, *inputs)
@@ -51,20 +43,19 @@ def test_the_inputs_of_a_tick_are_written_into_the_fields_of_their_names() -> No
     assert tuple(getattr(record.tick, name) for name in names) == inputs
 
 
-@pytest.mark.parametrize(("led", "fixed", "state", "action"), [
-    (True, False, faults.RUN, FOLLOW | HOLD_CLOCK),
-    (True, True, faults.RUN, FOLLOW),
-    (False, False, faults.RUN, FOLLOW),
-    (True, False, faults.ARMED, STAND | HOLD_CLOCK),
-    (True, False, faults.DISARMED, STOP_DRIVE),
+@pytest.mark.parametrize(("led", "fixed", "action", "holds"), [
+    (True, False, FOLLOW, True),
+    (True, False, STAND, True),
+    (True, True, FOLLOW, False),
+    (False, False, FOLLOW, False),
+    (True, False, STOP_DRIVE, False),
 ])  # fmt: skip
 def test_the_link_s_state_is_to_be_held_once_the_master_leads_an_axis_under_power(
-    led: bool, fixed: bool, state: int, action: int
+    led: bool, fixed: bool, action: int, holds: bool
 ) -> None:
-    record, clock = TickRecord(), PeerClock()
-    clock.words[FIXED] = fixed
-    record.tick.led, record.tick.state = led, state
-    assert decide(*arrays_of(record, clock), LEAD, *NO_INPUTS) == action
+    tick, clock = TickRecord().tick, PeerClock()
+    tick.led, clock.words[FIXED] = led, fixed
+    assert prepared(tick, clock.words, action) == action + holds * HOLD_CLOCK
 
 
 def test_the_body_of_a_state_is_what_its_message_packs() -> None:

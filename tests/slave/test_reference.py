@@ -71,7 +71,7 @@ class Tool:
 
     def sample(self):
         force = max(0.0, 1e5 * (self.position - self.wall))
-        closed = self.position <= self.switch
+        closed = bool(self.position <= self.switch)  # of a numpy number, where nothing is compiled
         return Sample(position=self.position, force=force, valid=True, enabled=True, switch=closed)
 
     def run(self):
