@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from teleop_rt.kernels.jit import bound
 from teleop_rt.master.hand import Hand
 from teleop_rt.signals import HANDLE_TRUTH
 from teleop_rt_drivers.simulated import handle_motion
@@ -41,8 +42,6 @@ DRIVE_STEP = 1e-6
 """Resolution of the handle's drive [rig unit]."""
 NOWHERE = 1e3
 """There is no wall at the operator's side but the one that is rendered."""
-HISTORY_NS = 50_000
-"""Between the positions that are kept for samples of some age: 0.2 s in all."""
 
 
 class HandPlant(Plant):
@@ -81,13 +80,12 @@ class HandPlant(Plant):
         )
         super().__init__(config, start_ns, seed)
         self._positions = np.full(HISTORY, hand.intention.start)
+        arrays = self._handle, self._handle_constants, self._stamps, self._positions
+        example = 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
+        self._move_handle = bound(handle_motion.move_handle, arrays, *example)
 
     def _compile(self) -> None:
-        """Compile the kernels on copies."""
-        state = self._handle.copy()
-        handle_motion.advance_handle(
-            state, self._handle_constants, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-6, 1
-        )
+        """Compile the kernel of earlier positions; that of the motion is bound to its arrays."""
         force_at(self._stamps, self._forces, 1, self.now_ns)
 
     @property
@@ -157,28 +155,19 @@ class HandPlant(Plant):
         while now_ns < to_ns:
             while self._pending and self._pending[0][0] <= now_ns:
                 self._command = self._pending.popleft()[1]
-            due_ns = self._pending[0][0] if self._pending else to_ns
-            until_ns = min(to_ns, due_ns, now_ns + HISTORY_NS)
-            goal = wish.goal - wish.rate * (to_ns - now_ns) * 1e-9
-            step_s, steps = (
-                (until_ns - now_ns) * 1e-9,
-                -(-(until_ns - now_ns) // handle_motion.STEP_NS),
-            )
-            handle_motion.advance_handle(
-                self._handle,
-                self._handle_constants,
+            until_ns = min(to_ns, self._pending[0][0]) if self._pending else to_ns
+            self._numbers[HEAD] = self._move_handle(
+                self._numbers.item(HEAD),
+                now_ns,
+                until_ns,
                 self._command,
-                goal,
+                wish.goal,
                 wish.rate,
                 wish.tremor,
                 grip,
-                step_s,
-                steps,
+                to_ns,
             )
             now_ns = until_ns
-            head = self._numbers[HEAD] = (self._numbers.item(HEAD) + 1) % HISTORY
-            self._stamps[head] = now_ns
-            self._positions[head] = self._handle[handle_motion.POSITION]
         self._state[POSITION] = self._handle[handle_motion.POSITION]
         self._state[VELOCITY] = self._handle[handle_motion.VELOCITY]
         advance_reference(self._state, self.mode, self._constants.item(DECELERATION), span_s)

@@ -9,12 +9,15 @@ import math
 from typing import TYPE_CHECKING
 
 from teleop_rt.kernels.jit import kernel
+from teleop_rt_drivers.simulated.motion import HISTORY
 
 if TYPE_CHECKING:
-    from teleop_rt_drivers.simulated.motion import Vector
+    from teleop_rt_drivers.simulated.motion import Stamps, Vector
 
 STEP_NS = 20_000
 """Longest internal step: 50 kHz, a hundredth of the period of the fastest resonance below."""
+HISTORY_NS = 50_000
+"""Between the positions that are kept for samples of some age: 0.2 s in all."""
 FLESH_STIFFNESS, FLESH_DAMPING = 5.0e4, 60.0
 """Of the fingers around the handle [N/m], [N s/m]: far stiffer than any arm, which is in series."""
 STOP_STIFFNESS, STOP_DAMPING = 1.0e5, 50.0
@@ -84,3 +87,36 @@ def advance_handle(
         state[GIVEN] += held * 0.5 * (moved + h * v)
         state[LEAST] = min(state[LEAST], state[GIVEN])
         state[MOTOR_WORK] -= state[MOTOR] * 0.5 * (moved + h * v)
+
+
+@kernel
+def move_handle(
+    state: Vector,
+    constants: Vector,
+    stamps: Stamps,
+    positions: Vector,
+    head: int,
+    from_ns: int,
+    until_ns: int,
+    command: float,
+    goal: float,
+    rate: float,
+    tremor: float,
+    grip: float,
+    goal_ns: int,
+) -> int:
+    """Integrate up to `until_ns`, keep the positions of the way, and return the newest's place.
+
+    `goal` is where the hand wants to be at `goal_ns`; all else is as for `advance_handle`.
+    """
+    now_ns = from_ns
+    while now_ns < until_ns:
+        next_ns = min(until_ns, now_ns + HISTORY_NS)
+        span_ns = next_ns - now_ns
+        begin = goal - rate * (goal_ns - now_ns) * 1e-9
+        steps = -(-span_ns // STEP_NS)
+        advance_handle(state, constants, command, begin, rate, tremor, grip, span_ns * 1e-9, steps)
+        now_ns = next_ns
+        head = (head + 1) % HISTORY
+        stamps[head], positions[head] = now_ns, state[POSITION]
+    return head
