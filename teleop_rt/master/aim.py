@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.master.engagement import LinkState
+from teleop_rt.master.engagement import ENGAGED, FROZEN, LinkState
 from teleop_rt.master.registration import VANISHING_SHARE, HandMotion
 from teleop_rt.master.walls import Wall
 
@@ -43,11 +43,11 @@ class Aim:
         moved, motion = hand - self._hand, self._moves.by(hand)
         offset_before = self._offset
         self._hand, self._offset = hand, offset
-        if state is LinkState.FROZEN:
+        if state is FROZEN:
             self._rejoining = True
             return self.target
         gap = hand - offset - self.target
-        deeper = state is LinkState.ENGAGED and gap > 0.0 and offset_before - offset > self._step
+        deeper = state is ENGAGED and gap > 0.0 and offset_before - offset > self._step
         self._deepens = (self._deepens or deeper) and gap > max(self._step + velocity_step, 0.0)
         if self._rejoining:
             self.target += self._rejoined(gap, moved, motion, wall)

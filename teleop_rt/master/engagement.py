@@ -27,6 +27,10 @@ class LinkState(IntEnum):
     DECLUTCHED = 3
 
 
+WAITING, ENGAGED, FROZEN, DECLUTCHED = LinkState
+"""By these names a tick finds them at once: in Python 3.11 each look-up in an enum is a call."""
+
+
 class Engagement:
     """The master's link state, advanced once a tick."""
 
@@ -38,7 +42,7 @@ class Engagement:
 
     def reset(self) -> None:
         """Wait for the slave, as at the start."""
-        self.state = LinkState.WAITING
+        self.state: LinkState = WAITING
         self.engagements = self.freezes = self.declutches = 0
         self._followed_ns = 0
         self._declutched_ns = 0
@@ -52,19 +56,19 @@ class Engagement:
     @property
     def coupled(self) -> bool:
         """Whether the hand's motion is the slave's."""
-        return self.state in {LinkState.ENGAGED, LinkState.FROZEN}
+        return self.state is ENGAGED or self.state is FROZEN
 
     def asks(self, slave: StateMessage | None, silence_ns: int) -> bool:
         """Return whether the slave is asked to follow; again only out of contact."""
-        if self.state != LinkState.WAITING:
-            return self.state == LinkState.ENGAGED
+        if self.state is not WAITING:
+            return self.state is ENGAGED
         if slave is None or silence_ns > self._freeze_ns:
             return False
         return not (self.ever_engaged and slave.in_contact)
 
     def fade(self, now_ns: int) -> float:
         """Return the share of the force that is left."""
-        if self.state != LinkState.DECLUTCHED:
+        if self.state is not DECLUTCHED:
             return 1.0
         return max(0.0, 1 - (now_ns - self._declutched_ns) / self._fade_ns)
 
@@ -79,25 +83,25 @@ class Engagement:
         """Advance the state; `slave` is the newest state received, `silence_ns` its silence."""
         if slave is not None and slave.following and silence_ns <= self._freeze_ns:
             self._followed_ns = now_ns
-        match self.state:
-            case LinkState.WAITING:
-                if self.asks(slave, silence_ns) and slave is not None and slave.following:
-                    self.state = LinkState.ENGAGED
-                    self.engagements += 1
-                    self._session_id = session_id
-            case LinkState.DECLUTCHED:
-                if now_ns - self._declutched_ns >= self._fade_ns:
-                    self.state = LinkState.WAITING
-            case LinkState.ENGAGED | LinkState.FROZEN:
-                self._watch(now_ns, silence_ns, max(0, round_trip_ns), session_id)
+        state = self.state
+        if state is WAITING:
+            if self.asks(slave, silence_ns) and slave is not None and slave.following:
+                self.state = ENGAGED
+                self.engagements += 1
+                self._session_id = session_id
+        elif state is DECLUTCHED:
+            if now_ns - self._declutched_ns >= self._fade_ns:
+                self.state = WAITING
+        else:
+            self._watch(now_ns, silence_ns, max(0, round_trip_ns), session_id)
 
     def _watch(self, now_ns: int, silence_ns: int, round_trip_ns: int, session_id: int) -> None:
         refused_ns = now_ns - self._followed_ns - round_trip_ns
         if max(silence_ns, refused_ns) > self._declutch_ns or session_id != self._session_id:
-            self.state = LinkState.DECLUTCHED
+            self.state = DECLUTCHED
             self.declutches += 1
             self._declutched_ns = now_ns
         else:
             frozen = silence_ns > self._freeze_ns
-            self.freezes += frozen and self.state != LinkState.FROZEN
-            self.state = LinkState.FROZEN if frozen else LinkState.ENGAGED
+            self.freezes += frozen and self.state is not FROZEN
+            self.state = FROZEN if frozen else ENGAGED

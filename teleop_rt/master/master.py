@@ -14,7 +14,7 @@ from teleop_rt.link.messages import Kind, StateMessage
 from teleop_rt.master.build import make_port
 from teleop_rt.master.coupling import Coupling
 from teleop_rt.master.device import HeldDevice
-from teleop_rt.master.engagement import Engagement, LinkState
+from teleop_rt.master.engagement import DECLUTCHED, ENGAGED, FROZEN, WAITING, Engagement
 from teleop_rt.master.handle_faults import NO_FAULT, OSCILLATION, HandleFault
 from teleop_rt.master.operators import Operator
 from teleop_rt.master.parts import (
@@ -37,9 +37,8 @@ from teleop_rt.master.walls import NO_WALL
 from teleop_rt.realtime.row import NamedRow
 from teleop_rt.signals import MASTER
 
-# By these names a tick finds them at once.
-_WAITING, _ENGAGED, _FROZEN = LinkState.WAITING, LinkState.ENGAGED, LinkState.FROZEN
-_DECLUTCHED, _MOTION = LinkState.DECLUTCHED, Kind.MOTION
+# By this name a tick finds it at once.
+_MOTION = Kind.MOTION
 
 
 class Master:
@@ -134,10 +133,11 @@ class Master:
         endpoint.poll()
         self.silence_ns = endpoint.silence_ns(now_ns)
         self._fresh = False
-        if endpoint.state is None:
+        state = endpoint.state
+        if state is None:
             self.slave = None
-        elif endpoint.fresh_state and self.screening.accepts(endpoint.state):
-            self.slave, self._fresh = endpoint.state, True
+        elif endpoint.fresh_state and self.screening.accepts(state):
+            self.slave, self._fresh = state, True
         if self._started_ns < 0 and self.engagement.ever_engaged:
             self._started_ns = now_ns
         since_s = (now_ns - self._started_ns) * 1e-9 if self._started_ns >= 0 else 0.0
@@ -150,19 +150,19 @@ class Master:
         endpoint, before = self.endpoint, self.engagement.state
         round_trip_ns = max(0, endpoint.statistics.round_trip_ns)
         self._one_way_s = 0.5e-9 * round_trip_ns
-        if before is _WAITING and self.slave is not None:
+        if before is WAITING and self.slave is not None:
             self.registration.index(self.hand, self.slave.position)
         self.engagement.update(
             now_ns, self.slave, self.silence_ns, round_trip_ns, endpoint.session_id
         )
         state = self.engagement.state
-        if state is _WAITING or state is _DECLUTCHED:
+        if state is WAITING or state is DECLUTCHED:
             endpoint.clock.release()
-        elif before is _WAITING:
+        elif before is WAITING:
             endpoint.fix_clock()
-        if before is _DECLUTCHED and state is _WAITING:
+        if before is DECLUTCHED and state is WAITING:
             self._forget()
-        if state is _ENGAGED and self._coupling is None:
+        if state is ENGAGED and self._coupling is None:
             fresh = self.slave if self._fresh else None
             self.intake.take(endpoint.model, fresh, self.hand, self._one_way_s, 1e-9 * now_ns)
             self._relax()
@@ -210,7 +210,7 @@ class Master:
 
     def _lead(self, hand: float, slave: StateMessage | None) -> float:
         """Return by how much the hand leads the slave; 0 once the first touch is known."""
-        if slave is None or self.engagement.state is _WAITING:
+        if slave is None or self.engagement.state is WAITING:
             self._waits_at = min(self._waits_at, hand)
             return hand - self._waits_at
         self._waits_at = math.inf
@@ -224,7 +224,7 @@ class Master:
             self.effects.advance(x, adoption.newest.surface, velocity, dt_s)
             self._surface_J = adoption.move(x, dt_s, self._surface_W / self.energy_scale)
             return adoption.update(x, velocity, dt_s)
-        if self.slave is None or self.engagement.state is _WAITING:
+        if self.slave is None or self.engagement.state is WAITING:
             return 0.0
         return self._coupling.update(x, velocity, self.slave, dt_s)
 
@@ -233,7 +233,7 @@ class Master:
         if self._device is not None:
             self._device.push(self.force)
         wall, state = self.adoption.newest, self.engagement.state
-        frozen, moves = state is _FROZEN, self._position_scale * self.velocity
+        frozen, moves = state is FROZEN, self._position_scale * self.velocity
         self.target = self.aim.update(
             self.hand, moves * self._dt_s, self.registration.offset, state, wall
         )

@@ -10,7 +10,7 @@ oscillation stopped by it came back, or where one goes on for so long that no ha
 
 from __future__ import annotations
 
-from teleop_rt.master.swings import Shaking, SwingWatch
+from teleop_rt.master.swings import NO_SHAKING, SwingWatch
 
 SOFTER = 0.5
 """Share of the damping counted on so far that is counted on after an oscillation."""
@@ -60,7 +60,7 @@ class ShakeGuard:
         if self.bounding:
             self._bounded()
             return self._watch.lasting >= TIRELESS and self._soften()
-        if found is Shaking.NO:
+        if found is NO_SHAKING:
             return False
         self._returns = self._returns + 1 if self._returns_s > 0.0 else 0
         if self._returns == RETURNS:
