@@ -42,6 +42,7 @@ SLAVE = (
     Signal("in_contact", "count", "1 while contact is detected"),
     Signal("contact_id", "count", "number of contacts found so far"),
     Signal("surface", "{x}", "surface found, axis coordinate; null while unknown"),
+    Signal("surface_deviation", "{x}", "standard deviation of the surface; null while unknown"),
     Signal("selected", "count", "row of the selected estimator; null while none"),
     Signal(
         "predicted_force", "{f}", "force predicted by the selected model; null outside of contact"

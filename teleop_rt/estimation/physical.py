@@ -96,7 +96,7 @@ def surely_positive(state: index.BankState, r: int, i: int, place: int) -> bool:
 def force_variance_by_surface(state: index.BankState, r: int, place: int) -> float:
     """Return the variance of the force that all samples share, by the error of the surface."""
     detector = state.detector
-    if detector[detection.SURFACE_FIXED] > 0.0 or detector[detection.SURFACE_KNOWN] == 0.0:
+    if detector[detection.SURFACE_KNOWN] == 0.0:
         return 0.0
     stiffness = state.bank[r, layout.THETA + place] / state.settings[index.LENGTH]
     curved = state.codes[r] == row_kinds.HUNT_CROSSLEY

@@ -38,13 +38,13 @@ class PipelineSettings:
     paired_lag_s is the lag that `Pairing` takes out before, if sensors are slower
     than the loop, and None where the pipeline takes every cycle's sample; a converter that settles
     in paired_settling_s averages the force, and the position is averaged alike. `surface`
-    given makes contact a matter of position alone. window_s is the length of an algebraic window;
-    `length` and `time` scale the regressors to near one. `shapes` sets shape parameters of
-    additive effects by the effect's name, `starts` their amplitudes, in multiples of their scales,
-    before they are estimated (0 unless given). `corrections` act before everything. Effects
-    were fitted on a recording with the `diagnosed_surface`, if that is known. A body that
-    `lets_go` has a memory by which it is met again deeper than its surface. A moving surface is
-    tracked with the bandwidth `surface_tracking_hz`, 0 for a stationary one.
+    given, known to surface_deviation, makes contact a matter of position alone. window_s is the
+    length of an algebraic window; `length` and `time` scale the regressors to near one. `shapes`
+    sets shape parameters of additive effects by the effect's name, `starts` their amplitudes, in
+    multiples of their scales, before they are estimated (0 unless given). `corrections` act before
+    everything. Effects were fitted on a recording with the `diagnosed_surface`, if that is known. A
+    body that `lets_go` has a memory by which it is met again deeper than its surface. A moving
+    surface is tracked with the bandwidth `surface_tracking_hz`, 0 for a stationary one.
     """
 
     period_s: float
@@ -64,6 +64,7 @@ class PipelineSettings:
     free_air_s: float = 0.02
     forgetting_factor: float = 1.0
     surface: float | None = None
+    surface_deviation: float = 0.0
     largest_gap_ticks: int = 10
     window_s: float = 2.0
     length: float = 5e-3
@@ -259,6 +260,7 @@ def clear(one: PipelineSettings, state: index.BankState, bank: Bank) -> None:
     state.q[index.LEAST_FORCE], state.q[index.LARGEST_FORCE] = math.inf, -math.inf
     if one.surface is not None:
         state.detector[detection.SURFACE] = one.surface
+        state.detector[detection.SURFACE_VARIANCE] = one.surface_deviation**2
         state.detector[detection.SURFACE_KNOWN] = state.detector[detection.SURFACE_FIXED] = 1.0
     for r in range(len(bank.y)):
         unknown_surface = one.surface is None and state.codes[r] in _OF_CONTACT

@@ -175,6 +175,7 @@ def online_of_recording(recording: Recording, choice: Choice) -> Online:
         onset_force=ONSET_NOISES * noise,
         release_force=RELEASE_NOISES * noise,
         surface=choice.surface if choice.surface is not None else recording.surface,
+        surface_deviation=recording.surface_deviation if choice.surface is None else 0.0,
         force_lag_deviation_s=recording.force_lag_deviation_s,
     )
     return Online(

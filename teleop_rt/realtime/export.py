@@ -159,6 +159,10 @@ def _layout(
         layout |= {"valid": valid, "force_lag_ms": 1e3 * lag_s}
         if (deviation_s := settings.get("force_lag_deviation_s", 0.0)) > 0.0:
             layout["force_lag_deviation_ms"] = 1e3 * deviation_s
+        known = columns.get("surface_deviation", np.empty(0))
+        known = known[np.isfinite(known)]
+        if known.size:
+            layout["surface_deviation"] = float(known[-1])
     return yaml.safe_dump(layout, sort_keys=False)
 
 

@@ -101,6 +101,15 @@ class ColumnsFile(Section):
         le=MOST,
         description="Position of the surface as the position column has it, where it is known.",
     )
+    surface_deviation: float = Field(
+        0.0,
+        ge=0,
+        le=MOST,
+        description=(
+            "Standard deviation of the surface, in the unit of the position column; those of "
+            "`identify` and `replay` contain it."
+        ),
+    )
     force_lag_ms: float = Field(
         0.0,
         ge=-1000,

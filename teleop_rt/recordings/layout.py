@@ -36,7 +36,7 @@ class Layout:
 
     `valid` is a column that is 0 where a sample is missing, `force_lag_s` how late the force comes,
     known to `force_lag_deviation_s`, `surface` where the surface is, in the unit of the position,
-    if that is known.
+    if that is known, and `surface_deviation` how well.
     """
 
     columns: Mapping[str, str]
@@ -46,6 +46,7 @@ class Layout:
     force_lag_s: float = 0.0
     surface: float | None = None
     force_lag_deviation_s: float = 0.0
+    surface_deviation: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,9 @@ def layout_of(
         )
     lags_ms = (stated.force_lag_ms, stated.force_lag_deviation_ms)
     lag_ms, deviation_ms = (0.0, 0.0) if "force" in (columns or {}) else lags_ms
-    surface = None if "position" in (columns or {}) else stated.surface
+    surface, spread = stated.surface, stated.surface_deviation
+    if "position" in (columns or {}):
+        surface, spread = None, 0.0
     return Layout(
         all_columns,
         all_units,
@@ -93,6 +96,7 @@ def layout_of(
         lag_ms * 1e-3,
         surface,
         deviation_ms * 1e-3,
+        spread,
     )
 
 

@@ -42,7 +42,8 @@ class Recording:
     `units_stated` where the file or the user says the units of position and force; `force_step` is
     the step in which the force was read before it was resampled, 0 where none is seen; `start_s` is
     when a part of a longer recording begins in it; the force's lag was taken out up to an error of
-    `force_lag_deviation_s`; `run` is the file of a run, whose rig knows the signs, else empty.
+    `force_lag_deviation_s`, and the surface is known up to one of `surface_deviation`; `run` is the
+    file of a run, whose rig knows the signs, else empty.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Recording:
     force_step: float = 0.0
     start_s: float = 0.0
     force_lag_deviation_s: float = 0.0
+    surface_deviation: float = 0.0
     run: str = ""
 
     @property
@@ -122,6 +124,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
         made,
         units_stated=position.stated and force.stated,
         force_lag_deviation_s=layout.force_lag_deviation_s,
+        surface_deviation=layout.surface_deviation * abs(found["position"].factor),
     )
 
 

@@ -91,6 +91,7 @@ class Tick:
     in_contact: int
     contact_id: int
     surface: float
+    surface_deviation: float
     surface_known: int
     velocity: float
     verified_free: float

@@ -56,6 +56,8 @@ def look_at_contact(tick: Tick, bank: estimation.BankState) -> None:
     tick.in_contact = seen[detection.IN_CONTACT] > 0.0
     tick.contact_id = int(seen[detection.CONTACT_ID])
     tick.surface = seen[detection.SURFACE] - tick.surface_shift if known else math.nan
+    variance = detection.surface_variance(seen, False)  # noqa: FBT003 - a kernel takes no keyword
+    tick.surface_deviation = math.sqrt(variance) if known else math.nan
     tick.surface_known = known
     tick.velocity = bank.q[estimation.VELOCITY]
     free = seen[detection.VERIFIED_FREE] - tick.surface_shift
@@ -208,6 +210,7 @@ def write_row(tick: Tick, bank: estimation.BankState, link: Counts, row: Any) ->
     row.inadequate, row.rig_force = tick.inadequate, tick.rig_force
     row.filtered_force, row.velocity = bank.motion[estimation.MF], tick.velocity
     row.in_contact, row.contact_id, row.surface = tick.in_contact, tick.contact_id, tick.surface
+    row.surface_deviation = tick.surface_deviation
     row.selected = chosen if chosen >= 0 else math.nan
     predicted = chosen >= 0 and tick.in_contact > 0
     row.predicted_force = bank.records[chosen, selection.PREDICTED] if predicted else math.nan
