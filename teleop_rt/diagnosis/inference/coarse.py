@@ -31,8 +31,10 @@ class Coarse(Problem):
         """The whitened force."""
         return self.wanted
 
-    def rows_of(self, effect: Effect, places: Sequence[Vector]) -> Matrix:
+    def rows_of(self, effect: Effect, places: Sequence[Vector], shift: float = 0.0) -> Matrix:
         """Return the whitened columns of an effect alone at the places of its grid."""
+        if shift:
+            return super().rows_of(effect, places, shift)
         if effect not in self.rows:
             self.rows[effect] = super().rows_of(effect, places)
         return self.rows[effect]

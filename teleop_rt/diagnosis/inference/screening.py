@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.inference.coarse import Coarse
@@ -19,6 +19,7 @@ from teleop_rt.diagnosis.inference.starts import (
 )
 from teleop_rt.diagnosis.inference.swings import is_tone, localised, screen_swing, swings
 from teleop_rt.diagnosis.models.fit import NOTHING, Fit, Problem
+from teleop_rt.diagnosis.models.least_squares import signed_solution
 from teleop_rt.diagnosis.models.model import JUMPS, CandidateModel
 from teleop_rt.diagnosis.noise.saturated import orthonormal
 from teleop_rt.diagnosis.noise.structure import jacobian, tangent_space
@@ -42,16 +43,15 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     starts: list[Start] = []
     for effect in effects:
         if effect.acts == "adds_force":
-            added = _screen_added(problem, fit, own, effect)
-            if effect.family == "stiffening" and fit.model.base.finds_surface:
-                added = [_at_surfaces(problem, fit, slopes, start) for start in added]
-            starts += added
+            starts += _screen_added(problem, fit, own, effect)
         elif swings(effect):
             starts += [screen_swing(problem, fit, own, e)
                        for e in localised(problem, fit, effect)]  # fmt: skip
         else:
             starts += screen_composed(problem, fit, whole, slopes, effect)
-    if not fit.model.base.finds_surface:
+    if fit.model.base.finds_surface:
+        starts = _at_surfaces(problem, fit, slopes, starts)
+    else:
         starts = [s for s in starts if s.gain > 0.0]
     return sorted((s for s in starts if np.isfinite(s.gain)), key=lambda s: -s.gain)
 
@@ -88,22 +88,54 @@ def _screen_added(problem: Problem, fit: Fit, own: Matrix, effect: Effect) -> li
     return found
 
 
-def _at_surfaces(problem: Problem, fit: Fit, slopes: Matrix, start: Start) -> Start:
-    """Return the start with another place of a stiffening body's surface, nearer to the onset.
+def _at_surfaces(problem: Problem, fit: Fit, slopes: Matrix, starts: list[Start]) -> list[Start]:
+    """Return the starts with another place of a stiffening body's surface, nearer to the onset.
 
     A line through the force of such a body ends inside it. The slopes at that surface may point to
     a shape from which a descent ends where the law is zero.
     """
-    shift = start.model.shift(start.zeta)
-    if abs(shift) < _MOVED_SURFACE * problem.motion.scales["travel"]:
-        return start
+    stiffening = [s for s in starts if s.effect.family == "stiffening"
+                  and s.effect.acts == "adds_force"]  # fmt: skip
+    shift = fit.model.shift(fit.zeta)
+    if not stiffening or abs(shift) < _MOVED_SURFACE * problem.motion.scales["travel"]:
+        return starts
+    places = [fit.model.shifted(fit.zeta, z) for z in np.linspace(shift, 0.0, _SURFACES)[1:]]
+    there = [problem.solve(fit.model, place) for place in places]
     without = fit.chi2 - gain_of_slopes(fit, slopes)
-    best, gain = None, 0.0
-    shapes = points_of(problem, start.effect)
-    for place, shape in product(np.linspace(shift, 0.0, _SURFACES)[1:], shapes):
-        zeta = start.model.shifted(np.concatenate([fit.zeta, shape]), float(place))
-        trial = problem.solve(start.model, zeta)
-        found = without - (trial.chi2 - gain_of_slopes(trial, slopes))
-        if found > gain:
-            best, gain = zeta, found
+    others = [s for s in starts if not any(s is one for one in stiffening)]
+    return others + [_at_best(problem, there, slopes, without, start) for start in stiffening]
+
+
+def _at_best(
+    problem: Problem, there: list[Fit], slopes: Matrix, without: float, start: Start
+) -> Start:
+    """Return the start with its best shape and surface, of the fits `there` without its effect.
+
+    `without` is the chi-square to lower. The slopes of the nonlinear parameters stay free.
+    """
+    best, gain, shapes = None, 0.0, points_of(problem, start.effect)
+    signs = CandidateModel(NOTHING, (start.effect,)).nonnegative
+    for fit in there:
+        rows = problem.rows_of(start.effect, shapes, fit.model.shift(fit.zeta))
+        for shape, row in zip(shapes, rows, strict=True):
+            found = without - _least_with(fit, row, signs, slopes)
+            if found > gain:
+                best, gain = np.concatenate([fit.zeta, shape]), found
     return replace(start, gain=max(gain, start.gain), other=best)
+
+
+def _least_with(fit: Fit, added: Matrix, signs: NDArray[np.bool_], slopes: Matrix) -> float:
+    """Return the chi-square of a fit with added rows, to first order by the slopes beyond these."""
+    number = len(fit.columns) + len(added)
+    rows = np.concatenate([fit.columns, added, slopes])
+    target = fit.residual + fit.theta @ fit.columns
+    products = rows @ np.concatenate([rows, target[None, :]]).T
+    nonnegative = np.concatenate([fit.model.nonnegative, signs])
+    within = np.append(np.arange(number), len(rows))
+    theta = signed_solution(products[:number, within], nonnegative)
+    left = products[:, -1] - products[:, :number] @ theta
+    chi2 = float(target @ target - theta @ (products[:number, -1] + left[:number]))
+    free = np.concatenate([theta != 0.0, np.ones(len(slopes), dtype=bool)])
+    further = signed_solution(np.column_stack([products[np.ix_(free, free)], left[free]]),
+                              np.zeros(np.count_nonzero(free), dtype=bool))  # fmt: skip
+    return chi2 - float(left[free] @ further)

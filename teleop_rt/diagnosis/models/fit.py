@@ -146,10 +146,16 @@ class Problem:
         """Return the mean square of that residual over the given samples."""
         return float(np.mean(self.residual(fit)[where] ** 2))
 
-    def rows_of(self, effect: Effect, places: Sequence[Vector]) -> NDArray[np.float64]:
-        """Return the whitened columns of an effect alone, for each of its shape parameters."""
-        model = CandidateModel(NOTHING, (effect,))
-        found = np.array([Course.of(model, self.motion, zeta).added for zeta in places])
+    def rows_of(
+        self, effect: Effect, places: Sequence[Vector], shift: float = 0.0
+    ) -> NDArray[np.float64]:
+        """Return the whitened columns of an effect alone, for each of its shape parameters.
+
+        `shift` is the distance by which the surface is nearer than the motion assumes.
+        """
+        model = CandidateModel(replace(NOTHING, finds_surface=True), (effect,))
+        zetas = [np.concatenate([[shift], zeta]) for zeta in places]
+        found = np.array([Course.of(model, self.motion, zeta).added for zeta in zetas])
         return self.whitener(found)
 
     def solve(self, model: CandidateModel, zeta: Vector, guess: Vector | None = None) -> Fit:
