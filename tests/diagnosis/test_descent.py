@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from teleop_rt.diagnosis.inference.screening import screen
 from teleop_rt.diagnosis.inference.search import fit_base
 from teleop_rt.diagnosis.models.axes import grid
 from teleop_rt.diagnosis.models.base import base_of
-from teleop_rt.diagnosis.models.fit import Problem
+from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel, bounds, nonlinear_amplitude
 from teleop_rt.diagnosis.samples.preparation import problem_of
 from teleop_rt.recordings.recording import from_arrays
@@ -64,23 +65,52 @@ def begun(problem: Problem, model: CandidateModel) -> Vector | None:
     return next(acting, None)
 
 
-@pytest.mark.parametrize(("truth", "fitted"), FITS)
-def test_the_descent_reaches_what_a_library_reaches(truth: str, fitted: str) -> None:
+def posed(truth: str, fitted: str) -> tuple[Problem, list[tuple[CandidateModel, Vector]]]:
+    """Return a recording with the true effect, and the starts of all laws of the fitted one."""
     record = make(5, (truth,), "silicone", size=0.15, noise=0.01, seconds=5.0)
     base = base_of(record.base)
     recording = from_arrays("record", record.t, record.position, record.force)
     problem = problem_of(recording, base, 0.0)
-    starts = [
-        (model, begun(problem, model))
-        for model in (CandidateModel(base, (e,)) for e in laws(fitted))
-    ]
+    models = [CandidateModel(base, (law,)) for law in laws(fitted)]
+    starts = [(model, begun(problem, model)) for model in models]
     assert starts[0][1] is not None
+    # A tangent that falls has no start where the force rises.
+    return problem, [(model, start) for model, start in starts if start is not None]
+
+
+@pytest.mark.parametrize(("truth", "fitted"), FITS)
+def test_the_descent_reaches_what_a_library_reaches(truth: str, fitted: str) -> None:
+    problem, starts = posed(truth, fitted)
     for model, start in starts:
-        if start is None:  # a tangent that falls, where it rises
-            continue
         own = problem.refine(model, start, evaluations=40).chi2
         other = by_library(problem, model, start)
         assert own < other + 0.02 * (problem.solve(model, start).chi2 - other) + 1.0
+
+
+@pytest.mark.parametrize("truth", [truth for truth, fitted in FITS if truth == fitted])
+def test_a_descent_that_ends_at_the_fit_to_beat_is_not_abandoned(truth: str) -> None:
+    problem, starts = posed(truth, truth)
+    for model, start in starts:
+        whole = problem.refine(model, start)
+        assert problem.refine(model, start, beat=whole.chi2).chi2 == whole.chi2
+
+
+def test_a_descent_far_above_the_fit_to_beat_ends_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, ((model, start), *_) = posed("nonlinear_stiffening", "force_lag")
+    right = problem.refine(*posed("nonlinear_stiffening", "nonlinear_stiffening")[1][0])
+    solved, solve = [], Problem.solve
+
+    def noted(problem: Problem, *arguments: Any) -> Fit:
+        solved.append(solve(problem, *arguments))
+        return solved[-1]
+
+    monkeypatch.setattr(Problem, "solve", noted)
+    whole = problem.refine(model, start)
+    in_all = len(solved)
+    abandoned = problem.refine(model, start, beat=right.chi2)
+    assert whole.chi2 > 2.0 * right.chi2
+    assert len(solved) - in_all < in_all
+    assert abandoned.chi2 < solved[in_all].chi2
 
 
 def test_a_negative_damping_takes_no_energy_from_a_delay() -> None:

@@ -41,8 +41,8 @@ class Count:
     ("effects", "fits", "predictions"),
     [
         ((), 800, 450),
-        (("coulomb_friction",), 1650, 1280),
-        (("channel_delay", "force_bias"), 2350, 2900),
+        (("coulomb_friction",), 1290, 1000),
+        (("channel_delay", "force_bias"), 2300, 2900),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,10 +18,10 @@ from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.least_squares import (
     centred,
+    damped_step,
     signed_least_squares,
     solution,
     uncentred,
-    within_bounds,
 )
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.predict import columns, force_of, settled
@@ -34,6 +35,8 @@ _DERIVATIVE_STEP = 5e-4  # of its range: step of the difference that approximate
 _DAMPING = 1e-3  # of the curvature: initial and smallest damping (Marquardt)
 _LEAST_FALL = 0.01  # of chi-square; noise alone changes it by more
 _ROUNDING = 1e-7  # of chi-square; a smaller fall is a rounding error
+HOPELESS = 2.0  # times the chi-square to beat; far above it a descent needs to fall quickly
+_TRIED, _LITTLE = 3, 0.05  # steps after which it does not, if the next promises less of chi-square
 _T = TypeVar("_T")
 
 
@@ -195,14 +198,16 @@ class Problem:
                 theta = stiffer(model, theta, effect, parameters, self.motion.scales["force"])
         return theta
 
-    def refine(self, model: CandidateModel, start: Vector, evaluations: int = 15) -> Fit:
+    def refine(
+        self, model: CandidateModel, start: Vector, evaluations: int = 15, beat: float = inf
+    ) -> Fit:
         """Return the least-squares fit over all parameters, from a start of the nonlinear ones.
 
         Gauss-Newton descent with Marquardt's damping over the nonlinear parameters, with the linear
         ones projected out (Golub and Pereyra; Kaufman's simplification of the derivative). A failed
         step is tried once more without the parameters that move a contact, because the force jumps
         there, and is then shortened. The descent ends if the predicted fall of chi-square is below
-        chance, or after `evaluations` steps.
+        chance, after `evaluations` steps, or where it will hardly reach the chi-square to `beat`.
         """
         if not model.coordinates:
             return self.solve(model, start)
@@ -213,8 +218,12 @@ class Problem:
         everything = np.ones(place.size, dtype=bool)
         smooth = np.array([not model.moves_contact(c) for c in model.coordinates])
         moving = everything
-        for _ in range(evaluations):
-            step, promised = _damped_step(slopes, fit.residual, place, damping, moving)
+        for tried in range(evaluations):
+            step, promised = damped_step(slopes, fit.residual, place, damping, moving)
+            undamped = moving is everything and damping == _DAMPING
+            little = undamped and promised < _LITTLE * fit.chi2
+            if little and tried >= _TRIED and fit.chi2 > HOPELESS * beat:
+                break
             if promised < max(_LEAST_FALL, _ROUNDING * fit.chi2):
                 if moving is everything:
                     break
@@ -222,11 +231,12 @@ class Problem:
                 continue
             further = np.clip(place + step, 0.0, 1.0)
             trial = self.solve(model, axes.value(further), fit.theta)
-            if trial.chi2 < fit.chi2:
-                fallen = fit.chi2 - trial.chi2
+            fallen = fit.chi2 - trial.chi2
+            if fallen > 0.0:
                 fit, place, damping = trial, further, max(damping / 10.0, _DAMPING)
-                if fallen < _LEAST_FALL:
-                    break
+            if 0.0 < fallen < _LEAST_FALL:
+                break
+            if fallen > 0.0:
                 slopes, moving = self._slopes(fit, axes, place), everything
             elif moving is everything and np.any(smooth) and not np.all(smooth):
                 moving = smooth
@@ -255,25 +265,6 @@ class Problem:
         own = own / np.maximum(scale, 1e-300)[:, None]
         share = solution(own @ own.T, own @ whitened.T)
         return np.asarray(whitened - share.T @ own, dtype=np.float64)
-
-
-def _damped_step(
-    slopes: Matrix, residual: Vector, place: Vector, damping: float, moving: NDArray[np.bool_]
-) -> tuple[Vector, float]:
-    """Return the step of the `moving` parameters, and the predicted fall of chi-square.
-
-    The step keeps all parameters between 0 and 1.
-    """
-    gram, right = slopes @ slopes.T, slopes @ residual
-    outward = ((place <= 0.0) & (right < 0.0)) | ((place >= 1.0) & (right > 0.0))
-    free = np.flatnonzero(moving & ~outward & (np.diag(gram) > 0.0))
-    step = np.zeros_like(place)
-    if free.size:
-        held = gram[np.ix_(free, free)]
-        damped = held + damping * np.diag(np.diag(held))
-        least, most = np.minimum(-place[free], -1e-12), np.maximum(1.0 - place[free], 1e-12)
-        step[free] = within_bounds(damped, right[free], least, most)
-    return step, float(2.0 * right @ step - step @ gram @ step)
 
 
 def stiffer(

@@ -78,6 +78,25 @@ def _descend(gram: Matrix, right: Vector, least: Vector, most: Vector, out: Vect
             break
 
 
+def damped_step(
+    slopes: Matrix, residual: Vector, place: Vector, damping: float, moving: NDArray[np.bool_]
+) -> tuple[Vector, float]:
+    """Return the step of the `moving` parameters, and the predicted fall of chi-square.
+
+    The step keeps all parameters between 0 and 1.
+    """
+    gram, right = slopes @ slopes.T, slopes @ residual
+    outward = ((place <= 0.0) & (right < 0.0)) | ((place >= 1.0) & (right > 0.0))
+    free = np.flatnonzero(moving & ~outward & (np.diag(gram) > 0.0))
+    step = np.zeros_like(place)
+    if free.size:
+        held = gram[np.ix_(free, free)]
+        damped = held + damping * np.diag(np.diag(held))
+        least, most = np.minimum(-place[free], -1e-12), np.maximum(1.0 - place[free], 1e-12)
+        step[free] = within_bounds(damped, right[free], least, most)
+    return step, float(2.0 * right @ step - step @ gram @ step)
+
+
 def least_squares(rows: Matrix, target: Vector) -> Vector:
     """Return theta that minimises |target - theta rows|^2."""
     return signed_least_squares(rows, target, np.zeros(rows.shape[0], dtype=bool))
