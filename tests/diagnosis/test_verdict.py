@@ -32,17 +32,21 @@ def fitted(chi2: float, *names: str) -> Fit:
                np.zeros((0, 1)), VALUES)  # fmt: skip
 
 
-def judged(excess: float, doubt: float = 0.02, **left: tuple[float, float]) -> Judgement:
+def judged(
+    excess: float, doubt: float = 0.02, at_bound: str = "", **left: tuple[float, float]
+) -> Judgement:
     """Judge single effects, each given by its chi-square beyond the noise and the structure left.
 
-    `doubt` is the relative deviation of the noise's level.
+    `doubt` is the relative deviation of the noise's level, `at_bound` the effect with a shape at a
+    bound.
     """
     alone = fitted(VALUES + excess)
     ranked = []
     for name, (chi2, structure) in left.items():
         fit = fitted(VALUES + chi2, name)
         lack = LackOfFit(structure, RANK, doubt=doubt)
-        ranked.append(Ranked(fit, alone.chi2 - fit.chi2, alone.bic - fit.bic, lack))
+        gains = alone.chi2 - fit.chi2, alone.bic - fit.bic
+        ranked.append(Ranked(fit, *gains, lack, at_bound=frozenset({at_bound}) & {name}))
     ranked.sort(key=lambda r: r.fit.bic)
     return judge(LackOfFit(excess, RANK, doubt=doubt), ranked, [], floor=0.0)
 
@@ -118,6 +122,14 @@ def test_an_effect_that_adds_to_a_simpler_one_is_kept_or_named() -> None:
     assert set(names(weak)) == {"coulomb_friction", "stribeck_friction"}
     clear = judged(4000.0, coulomb_friction=(400.0, 380.0), stribeck_friction=(0.0, CHANCE_LEFT))
     assert names(clear) == ["stribeck_friction"]
+
+
+def test_a_larger_law_at_its_bound_is_another_form_of_its_special_case() -> None:
+    at_bound = {"coulomb_friction": (400.0, 380.0), "stribeck_friction": (0.0, CHANCE_LEFT)}
+    found = judged(9000.0, at_bound="stribeck_friction", **at_bound)
+    assert names(found) == ["coulomb_friction"]
+    alone = judged(9000.0, at_bound="stribeck_friction", stribeck_friction=(0.0, CHANCE_LEFT))
+    assert names(alone) == ["stribeck_friction"]
 
 
 def test_a_law_that_leaves_nothing_is_not_confused_with_one_that_is_clearly_worse() -> None:

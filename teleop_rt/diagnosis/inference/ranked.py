@@ -24,7 +24,8 @@ class Ranked:
 
     `air_mismatch` is the difference between the residuals in contact and in free air, as a share of
     the base's residual. `lacks_named_property` states that an effect fits as well without the
-    property in its name, such as a damping by direction that is equal in both directions.
+    property in its name, such as a damping by direction that is equal in both directions, and
+    `at_bound` names the effects with a shape at a bound that is not its ideal one.
     `tone_or_air_force` states that the residual contains a tone or a force in free air, which no
     form of the law produces.
 
@@ -40,6 +41,7 @@ class Ranked:
     left: LackOfFit
     air_mismatch: float = 0.0
     lacks_named_property: bool = False
+    at_bound: frozenset[str] = frozenset()
     encoder_energy_along: float = inf
     encoder_misfits: tuple[float, ...] = ()
     tone_or_air_force: bool = False

@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.inference.tones import (
     noise_beside_tone,
     shows_tone_or_air_force,
 )
-from teleop_rt.diagnosis.inference.unsupported import lacks_named_property
+from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound, lacks_named_property
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.encoder import (
     converter_errors,
@@ -100,6 +100,7 @@ class Ranking:
             left,
             air_mismatch,
             bare,
+            at_wrong_bound(self.problem, fit),
             along,
             tone_or_air_force=separate,
             noise_per_direction=self._noise_per_direction(fit, own, left),

@@ -105,12 +105,17 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
 
     No data could exclude such a set: no motion shows a Stribeck effect of size zero. It must gain
     more over the set with the simpler effect than chance gives, and more than another form of that
-    effect could (`SECOND_SHARE`), or than a larger set leaves.
+    effect could (`SECOND_SHARE`), or than a larger set leaves. One with its shape at a bound is
+    such another form: friction that gives way otherwise before it slides has its Stribeck effect
+    at the lowest speed.
     """
     by_names = {frozenset(r.fit.names): r for r in candidates}
 
     def gains_over_simpler(ranked: Ranked) -> bool:
-        simpler = (by_names.get(names) for names in simpler_names(frozenset(ranked.fit.names)))
+        names = frozenset(ranked.fit.names)
+        if any(plain in by_names for plain in simpler_names(names, ranked.at_bound)):
+            return False
+        simpler = (by_names.get(names) for names in simpler_names(names))
         form = ranked.left.excess if _is_larger(ranked) else SECOND_SHARE * excess
         least = max(SPECIAL_CASE_GAIN, form)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
@@ -137,9 +142,12 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
     return sorted(candidates, key=merit)
 
 
-def simpler_names(names: frozenset[str]) -> list[frozenset[str]]:
-    """Return the sets in which one effect is replaced by a special case of it."""
-    return [names - {n} | {SPECIAL_CASE_OF[n]} for n in names if n in SPECIAL_CASE_OF]
+def simpler_names(
+    names: frozenset[str], replaced: frozenset[str] | None = None
+) -> list[frozenset[str]]:
+    """Return the sets in which one effect, or one of the `replaced`, is its own special case."""
+    tried = names if replaced is None else names & replaced
+    return [names - {n} | {SPECIAL_CASE_OF[n]} for n in tried if n in SPECIAL_CASE_OF]
 
 
 def _part_of(ranked: Ranked, larger: Ranked) -> bool:
