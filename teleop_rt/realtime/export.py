@@ -160,7 +160,7 @@ def _layout(
         if (deviation_s := settings.get("force_lag_deviation_s", 0.0)) > 0.0:
             layout["force_lag_deviation_ms"] = 1e3 * deviation_s
         known = columns.get("surface_deviation", np.empty(0))
-        known = known[np.isfinite(known)]
+        known = known[np.isfinite(known) & (known >= 0.0)]  # a damaged row holds any number
         if known.size:
             layout["surface_deviation"] = float(known[-1])
     return yaml.safe_dump(layout, sort_keys=False)
