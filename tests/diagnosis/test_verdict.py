@@ -125,10 +125,12 @@ def test_an_effect_that_adds_to_a_simpler_one_is_kept_or_named() -> None:
 
 
 def test_a_larger_law_at_its_bound_is_another_form_of_its_special_case() -> None:
-    at_bound = {"coulomb_friction": (400.0, 380.0), "stribeck_friction": (0.0, CHANCE_LEFT)}
-    found = judged(9000.0, at_bound="stribeck_friction", **at_bound)
+    left = {"coulomb_friction": (400.0, 380.0), "stribeck_friction": (0.0, CHANCE_LEFT)}
+    assert names(judged(9000.0, **left)) == ["stribeck_friction"]
+    found = judged(9000.0, at_bound="stribeck_friction", **left)
     assert names(found) == ["coulomb_friction"]
-    alone = judged(9000.0, at_bound="stribeck_friction", stribeck_friction=(0.0, CHANCE_LEFT))
+    del left["coulomb_friction"]
+    alone = judged(9000.0, at_bound="stribeck_friction", **left)
     assert names(alone) == ["stribeck_friction"]
 
 

@@ -105,9 +105,9 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
 
     No data could exclude such a set: no motion shows a Stribeck effect of size zero. It must gain
     more over the set with the simpler effect than chance gives, and more than another form of that
-    effect could (`SECOND_SHARE`), or than a larger set leaves. One with its shape at a bound is
-    such another form: friction that gives way otherwise before it slides has its Stribeck effect
-    at the lowest speed.
+    effect could (`SECOND_SHARE`), or than a larger set leaves. A law with a shape at a bound is
+    such another form: a Stribeck effect at the lowest speed allowed takes the error of friction
+    that gives way before it slides.
     """
     by_names = {frozenset(r.fit.names): r for r in candidates}
 
@@ -115,7 +115,7 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
         names = frozenset(ranked.fit.names)
         if any(plain in by_names for plain in simpler_names(names, ranked.at_bound)):
             return False
-        simpler = (by_names.get(names) for names in simpler_names(names))
+        simpler = (by_names.get(plain) for plain in simpler_names(names))
         form = ranked.left.excess if _is_larger(ranked) else SECOND_SHARE * excess
         least = max(SPECIAL_CASE_GAIN, form)
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
