@@ -59,7 +59,8 @@ _WORD = 8  # bytes of an int64
 _CLOCK_WORDS = 2  # a timespec: seconds and nanoseconds
 _COMERS = _CLOCK + _CLOCK_WORDS
 """Word of a `struct pollfd`, on whose descriptor new programs come."""
-_DESCRIPTOR_BITS = 32
+DESCRIPTOR_BITS = 32
+"""Place of the wanted events in the word of a `struct pollfd` [bits]."""
 LENGTH_SHIFT = 32
 """Place of a frame's length in the word of its id [bits]."""
 
@@ -87,7 +88,7 @@ class CanDoor:
 
     def look_after(self, descriptor: int) -> None:
         """Look on this descriptor for new programs."""
-        self.words[_COMERS] = descriptor | select.POLLIN << _DESCRIPTOR_BITS
+        self.words[_COMERS] = descriptor | select.POLLIN << DESCRIPTOR_BITS
 
     def lend(self, *, all_comes: bool) -> bool:
         """Lend the door to kernels if all comes by it; return whether it is lent."""

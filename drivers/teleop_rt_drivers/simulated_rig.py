@@ -64,7 +64,9 @@ def _network(
         line = ends.line(name, part.path, part.baud)
         return LineActuatorNetwork(part, plant, line, now_ns, rig.period_ns, seed, latched)
     if isinstance(part, CanopenPart):
-        return CanopenNetwork(part, plant, ends.bus(name, part.bus), now_ns, seed, latched)
+        bus, note = ends.bus(name, part.bus), simulated.note_rows
+        simulated.answering = CanopenNetwork(part, plant, bus, now_ns, seed, latched, note)
+        return simulated.answering
     if isinstance(part, RawCanPart):
         bus = ends.bus(name, part.bus)
         return CanNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
@@ -96,7 +98,8 @@ def hand_on_device(
     plant = HandPlant(config, device_transport(rig), now_ns(), seed)
     if isinstance(axis, CanopenDeviceConfig):
         bus = ends.bus("", axis.bus)
-        return CanopenNetwork(axis, plant, bus, now_ns, seed, lambda: None), plant
+        network = CanopenNetwork(axis, plant, bus, now_ns, seed, lambda: None, lambda _: None)
+        return network, plant
     if isinstance(axis, ActuatorDeviceConfig):
         made = CanActuatorNetwork(
             axis.drive, plant, ends.bus("", axis.bus), now_ns, rig.period_ns, seed, lambda: None

@@ -56,6 +56,7 @@ _ioctl = _of_c_library("ioctl", "int32", "int32", "int64", "int64")
 _send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
 _send_to = _of_c_library("sendto", "int64", "int32", "int64", "int64", "int32", "int64", "int32")
 _poll = _of_c_library("poll", "int32", "int64", "int64", "int32")
+_wait = _of_c_library("ppoll", "int32", "int64", "int64", "int64", "int64")
 _to_number = _of_c_library("strtod", "float64", "int64", "int64")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
@@ -64,6 +65,7 @@ _MONOTONIC = time.CLOCK_MONOTONIC
 _COUNT_WAITING = termios.FIONREAD
 COUNT_BYTES = 4
 """Bytes of the C int that FIONREAD writes."""
+_SECOND_NS = 1_000_000_000  # a second [ns], of which the system counts the rest apart
 _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
 
@@ -88,6 +90,20 @@ def is_ready(place: int) -> bool:
     """
     found: int = _poll(place, 1, 0)
     return found != 0
+
+
+@kernel
+def wait_ready(
+    polls: int, count: int, times: NDArray[np.int64], place: int, longest_ns: int
+) -> int:
+    """Wait until one of the `struct pollfd`s at an address is ready; return how many are.
+
+    That is 0 after the longest time, and after a signal. `times` (2,), which lie at `place`, are
+    written. No other thread of Python runs meanwhile.
+    """
+    times[0], times[1] = longest_ns // _SECOND_NS, longest_ns % _SECOND_NS
+    found: int = _wait(polls, count, place, 0)
+    return max(0, found)
 
 
 @kernel
@@ -165,7 +181,7 @@ def send_bytes_to(descriptor: int, place: int, length: int, name: int) -> int:
 def monotonic_ns(times: NDArray[np.int64], place: int) -> int:
     """Return the time of CLOCK_MONOTONIC by way of two numbers (2,), which lie at this address."""
     _clock(_MONOTONIC, place)
-    return int(times[0] * 1_000_000_000 + times[1])
+    return int(times[0] * _SECOND_NS + times[1])
 
 
 @kernel

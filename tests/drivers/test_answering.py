@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import struct
 import time
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from rig_bench import canopen_rig, changed, plant_config
 
+from teleop_rt_drivers.can_door import LOOK_EVERY
 from teleop_rt_drivers.can_frames import FRAME
 from teleop_rt_drivers.opening import open_rig
 from teleop_rt_drivers.simulated.faults import FaultyWire
@@ -21,6 +23,12 @@ UP = (0x06, 0x07, 0x0F)
 PDOS = range(0x180, 0x580)
 SLOWEST_NS = 40_000_000
 """A step that takes longer is no case: the devices take its frames for younger than they are."""
+
+
+FAR_NS = 2**62
+"""A time [ns] that does not come."""
+PROCESS_DATA = 3
+"""Frames that answer a SYNC."""
 
 
 class TooSlowError(Exception):
@@ -173,3 +181,82 @@ def test_the_kernel_answers_what_the_devices_answer(tmp_path, monkeypatch, toget
     assert len(of_wires) == 2
     assert min(of_wires) < 0.3 * max(of_wires), "a kernel answered most"
     assert both.kernel.truths == both.python.truths
+
+
+@pytest.fixture
+def operational(tmp_path):
+    """A rig on the machine's clock whose devices do nothing but answer, and the daemon's end."""
+    side = Side(str(tmp_path / "bus"), steps=False, plant=plant_config())
+    side.end.send_frame(NMT, bytes((1, 0)))
+    for _ in range(3):
+        side.end.send_frame(COMMAND, bytes(8))
+        side.end.send_frame(SYNC, b"")
+        side.network.serve_once(())
+    side.heard()
+    side.truths.clear()
+    yield side
+    side.close()
+
+
+def answered_until(side: Side, until_ns: int, *others: int) -> bool:
+    return side.network.answer_until(until_ns, [*others, *side.network.descriptors()])
+
+
+def ask(end: UnixBus, cycles: int) -> int:
+    """Ask for so many cycles, each after the answers to the one before; return how many came."""
+    for cycle in range(cycles):
+        end.send_frame(SYNC, b"")
+        left = PROCESS_DATA
+        while left > 0:
+            if not end._ready.poll(10.0):
+                return cycle
+            left -= sum(name in PDOS for name, _, _ in end.waiting_frames(64))
+    return cycles
+
+
+def test_cycle_after_cycle_is_answered_before_python_is_asked(operational):
+    side, cycles, noted, ended = operational, 200, [], 0
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if ask(side.end, cycles) == cycles else 1)
+    while not ended:
+        before = len(side.truths)
+        assert answered_until(side, time.monotonic_ns() + 20_000_000)
+        noted.append(len(side.truths) - before)
+        ended, status = os.waitpid(child, os.WNOHANG)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert len(side.truths) == cycles, "the motion at each SYNC is noted"
+    assert max(noted) >= 10
+
+
+def test_another_readable_line_ends_the_wait_before_anything_is_answered(operational):
+    side = operational
+    far, line = socket.socketpair()
+    with far, line:
+        far.send(b"frame")
+        side.end.send_frame(SYNC, b"")
+        assert answered_until(side, FAR_NS, line.fileno())
+        assert side.heard() == []
+        line.recv(100)
+        assert answered_until(side, FAR_NS, line.fileno())
+        assert len(side.heard()) == PROCESS_DATA
+
+
+def test_a_program_that_comes_to_the_bus_ends_the_wait_and_is_met(operational, tmp_path):
+    until_ns = time.monotonic_ns() + 60_000_000_000
+    newcomer = UnixBus(str(tmp_path / "bus"))
+    try:
+        met = any(not answered_until(operational, until_ns) for _ in range(2 * LOOK_EVERY))
+        assert met
+        assert time.monotonic_ns() < until_ns
+    finally:
+        newcomer.shutdown()
+
+
+def test_the_devices_hear_a_heartbeat_that_a_kernel_took(operational, monkeypatch):
+    side, heard = operational, []
+    drive = side.network.devices["drive"]
+    monkeypatch.setattr(drive, "receive_heartbeat", lambda node, _: heard.append(node))
+    side.end.send_frame(HEARTBEAT + DAEMON, b"\x05")
+    assert answered_until(side, FAR_NS)
+    assert heard == [DAEMON]

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from teleop_rt.kernels.jit import kernel, shared
 from teleop_rt.kernels.record import record_type
-from teleop_rt.realtime.system_calls import monotonic_ns, send_bytes
+from teleop_rt.realtime.system_calls import monotonic_ns, send_bytes, wait_ready
 from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, take_packets
-from teleop_rt_drivers.simulated.motion import POSITION, REFERENCE, VELOCITY, follow
+from teleop_rt_drivers.simulated.motion import FORCE, POSITION, REFERENCE, VELOCITY, follow
 from teleop_rt_drivers.simulated.senses import (
+    MODE,
+    NOW,
     REPORTED_NS,
     clamped,
     in_counts,
@@ -30,22 +32,27 @@ from teleop_rt_drivers.simulated.senses import (
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
+    from teleop_rt_drivers.simulated.hidden_motion import Matrix
     from teleop_rt_drivers.simulated.senses import Hidden, PlantArrays
 
 LONGEST_WAIT_NS = 50_000_000
 """A longer apparent wait of a frame means that the clock was set."""
+LONGEST_SILENCE_NS = 5_000_000
+"""Without a frame for so long Python is asked again, for the plant that runs on, and for a stop."""
+MOST_ROWS = 128
+"""Rows of true motion that are kept: those of 20 ms between two heartbeats, at 4 kHz, and more."""
 INT16, INT32 = 2**15 - 1, 2**31 - 1
 PER_THOUSAND = 1000.0  # of the rated torque, which CiA 402 counts in
-LATCHED, MORE, HEARD, UNSENT, DRY, STRANGE = 1, 2, 4, 8, 16, 32
-"""Bits of events: SYNC was answered, frames are left, a heartbeat came, the answer was
-not taken, random numbers are to be drawn before the next SYNC, and these frames are Python's: none
-of them has been done anything with.
+MORE, UNSENT, DRY, STRANGE = 1, 2, 4, 8
+"""Bits of events: frames are left, the answer was not taken, random numbers are to be drawn before
+the next SYNC, and these frames are Python's: none of them has been done anything with.
 """
 PLACES, SPEEDS, FORCES, TORQUES = range(4)
 """Kinds of measured objects: position, speed, force in steps, the drive's in thousandths."""
 # Layout of a waiting frame in bytes, then in words.
 _ID_BYTES, _LENGTH_AT, _DATA_AT, _STAMP_AT, _WORD = 4, 4, 8, 16, 8
 _HEAD, _DATA, _STAMP = range(3)
+_FOUND_AT = 48  # bit where the events begin that were found in a `struct pollfd`
 _TARGET_BITS = 32  # of a target position
 _AGAIN = errno.EAGAIN
 
@@ -57,7 +64,8 @@ class CycleFields:
     its target begins at bit `target_at`. The drive follows it if it `follows`, between the counts
     `lowest` and `highest`, over `period_s` and no farther than `reach`. `pending` is a command that
     waits for SYNC, with the bytes `last`; `obeyed` are those of the last that did not. `commands`
-    and `syncs` count. An answer holds so many `samples` of force.
+    and `syncs` count. A heartbeat came at `heard_ns`, 0 once Python has taken it. An answer holds
+    so many `samples` of force, and `noted` rows of true motion have not been taken yet.
     """
 
     descriptor: int
@@ -82,6 +90,7 @@ class CycleFields:
     obeyed: int
     syncs: int
     samples: int
+    noted: int
     reach: float
     period_s: float
     zero: float
@@ -112,7 +121,8 @@ class Answer(NamedTuple):
     """A network's arrays: CYCLE (1,), MEASURED (objects,), and its packet of answers.
 
     `packet` (frames, 3) holds head, bytes and stamp of each frame, `constant` (frames,) those of
-    its bytes that are not measured; `clock` (2,) is where the clock is read to.
+    its bytes that are not measured; `clock` (2,) is where the clock is read to. `rows` (MOST_ROWS,
+    columns of `signals.TRUTH`) is the motion at the last SYNCs.
     """
 
     cycle: Records
@@ -120,6 +130,7 @@ class Answer(NamedTuple):
     packet: Whole
     constant: Whole
     clock: Whole
+    rows: Matrix
 
 
 @kernel
@@ -178,15 +189,55 @@ def go_on(answer: Answer, plant: PlantArrays, hidden: Hidden | None, slots: Slot
         stamp_ns = here_ns - min(max(0, age_ns), LONGEST_WAIT_NS)
         if can_id == c.heartbeat_id:
             c.heard_ns = stamp_ns
-            happened |= HEARD
         else:
             run_to(plant, hidden, stamp_ns)
             if can_id == c.sync_id:
-                happened |= LATCHED | sync(answer, plant)
+                happened |= sync(answer, plant)
+                note(answer, plant)
                 break
             c.last = number_at(slots, row, _DATA_AT, c.command_bytes)
             c.pending = 1
     return happened | MORE if c.next_frame < c.frames else happened
+
+
+@kernel
+def answer_until(
+    answer: Answer, plant: PlantArrays, hidden: Hidden | None, door: Doors, lengths: Lengths,
+    slots: Slots, polls: Whole, place: int, until_ns: int,
+) -> int:  # fmt: skip
+    """Answer cycle after cycle until then; return the events as `take` does, 0 at the end.
+
+    Until 0 it is `take`. It returns before its time where another of the `polls`, which lie at
+    `place`, is ready than the first, which is the bus's, and where Python has something to do.
+    """
+    c: Any = answer.cycle[0]
+    if until_ns == 0:
+        return take(answer, plant, hidden, door, lengths, slots)
+    happened = 0
+    while happened == 0 and c.noted < MOST_ROWS:
+        left_ns = until_ns - monotonic_ns(answer.clock, c.clock)
+        if left_ns <= 0:
+            break
+        longest_ns = min(left_ns, LONGEST_SILENCE_NS)
+        found = wait_ready(place, polls.size, answer.clock, c.clock, longest_ns)
+        if found != 1 or polls[0] >> _FOUND_AT == 0:
+            break
+        happened = take(answer, plant, hidden, door, lengths, slots)
+        if c.frames == 0:  # no frame: somebody comes or goes
+            break
+        while happened == MORE and c.noted < MOST_ROWS:
+            happened = go_on(answer, plant, hidden, slots)
+    return happened
+
+
+@kernel
+def note(answer: Answer, plant: PlantArrays) -> None:
+    """Note the plant's true motion, by the columns of `signals.TRUTH`."""
+    c: Any = answer.cycle[0]
+    row = answer.rows[c.noted]
+    row[0], row[1], row[2] = plant.numbers[NOW], plant.state[POSITION], plant.state[VELOCITY]
+    row[3], row[4], row[5] = plant.state[FORCE], plant.state[REFERENCE], plant.numbers[MODE]
+    c.noted += 1
 
 
 @kernel

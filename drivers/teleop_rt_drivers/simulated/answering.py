@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import time
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, cast
@@ -9,7 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from teleop_rt.kernels.jit import bound
-from teleop_rt_drivers.can_door import UNUSUAL
+from teleop_rt.signals import TRUTH
+from teleop_rt_drivers.can_door import DESCRIPTOR_BITS, UNUSUAL
 from teleop_rt_drivers.can_frames import FRAME, unpacked_plainly
 from teleop_rt_drivers.simulated import answer as kernels
 from teleop_rt_drivers.simulated.answer import CYCLE, MEASURED, Answer, head_of
@@ -43,12 +45,12 @@ class Answering:
         nodes: Sequence[Node],
         drive: ServoDrive | None,
         now_ns: Callable[[], int],
-        latched: Callable[[], None],
+        note: Callable[[list[list[float]]], None],
         *,
         sync_id: int,
         heartbeat_id: int,
     ) -> None:
-        self._bus, self._plant, self._wire, self._latched = bus, plant, wire, latched
+        self._bus, self._plant, self._wire, self._note = bus, plant, wire, note
         self._nodes, self._drive = nodes, drive
         self._pdos: list[Pdo] = []
         self._stands = False
@@ -59,6 +61,10 @@ class Answering:
         self._cycle.clock = self._clock.ctypes.data
         self._records = cycle
         self._packet = np.zeros((0, 3), np.int64)
+        self._noted, self._heard = cycle["noted"], cycle["heard_ns"]
+        self._rows = np.zeros((kernels.MOST_ROWS, len(TRUTH)))
+        self._watched: list[int] = []
+        self._polls = np.zeros(0, np.int64)
         self._heartbeat_of = heartbeat_id & 0x7F
         door = getattr(bus, "door", None)
         answers = door is not None and door.door.frame_bytes == FRAME.size and plant.answers
@@ -67,31 +73,49 @@ class Answering:
         if self._can:
             self._bind([])  # compiled now, so that the first SYNC is answered in time
 
-    def left(self) -> Sequence[CanFrame] | None:
-        """Answer the waiting frames; return those that are left, None where none was received."""
-        if not self._is_ready():
-            return None
-        happened = self._take()
-        if happened == UNUSUAL:
-            self._bus.keep()
-            return None
+    def watch(self, descriptors: list[int]) -> None:
+        """Wait for all these from now on; one that is readable ends it, but for the bus's own."""
+        if descriptors == self._watched:
+            return
+        self._watched, own = descriptors, self._bus.fileno()
+        ordered = own, *(one for one in descriptors if one != own)
+        wanted = [one | select.POLLIN << DESCRIPTOR_BITS for one in ordered]
+        self._polls = np.array(wanted, np.int64)
+        self._bind_waiting()
+
+    def left(self, until_ns: int = 0) -> Sequence[CanFrame] | None:
+        """Answer the frames that wait, or that come until then, for it `is_ready`.
+
+        It ends before its time where Python has something to do. Return the frames that are left,
+        None where none was received.
+        """
+        happened = self._take(self._place, until_ns)
         while True:
+            self._pass_on()
+            if happened == UNUSUAL:
+                self._bus.keep()
+                return None
             if happened & kernels.STRANGE:
                 frames, size = self._cycle.frames, FRAME.size
                 self.hand_back()
                 return unpacked_plainly(self._bus.door.slots.data.cast("B")[: frames * size])
             if happened & kernels.UNSENT:
                 self._bus.lost += len(self._packet)
-            if happened & kernels.LATCHED:
-                self._latched()
-            if happened & kernels.HEARD:
-                for node in self._nodes:
-                    node.receive_heartbeat(self._heartbeat_of, self._cycle.heard_ns)
             if not happened & kernels.MORE:
                 return ()
             if happened & kernels.DRY:
                 self._plant.draw(self._cycle.samples)
             happened = self._go_on()
+
+    def _pass_on(self) -> None:
+        """Pass the true motion and the last heartbeat on that kernels have noted."""
+        if (noted := self._noted.item(0)) > 0:
+            self._note(self._rows[:noted].tolist())
+            self._noted[0] = 0
+        if (heard_ns := self._heard.item(0)) > 0:
+            for node in self._nodes:
+                node.receive_heartbeat(self._heartbeat_of, heard_ns)
+            self._heard[0] = 0
 
     def hand_back(self) -> None:
         """Pass the events since the last call on to the devices."""
@@ -110,7 +134,7 @@ class Answering:
                 _bytes(cycle.last) if cycle.pending else None,
             )
 
-    def _is_ready(self) -> bool:
+    def is_ready(self) -> bool:
         """Return whether the kernel may take the waiting frames."""
         if not self._stands or any(map(_changed, self._nodes)):
             self.hand_back()
@@ -158,11 +182,17 @@ class Answering:
             [(head_of(pdo.cob_id, pdo.struct.size), 0, 0) for pdo, _, _ in rows], np.int64
         ).reshape(-1, 3)
         constant = np.array([number for _, number, _ in rows], np.int64)
-        answer = Answer(self._records, measured, self._packet, constant, self._clock)
+        answer = Answer(self._records, measured, self._packet, constant, self._clock, self._rows)
         self._cycle.sending = self._packet.ctypes.data
-        plant = answer, self._plant.moving, self._plant.beside
-        self._take = bound(kernels.take, (*plant, *door.arrays))
-        self._go_on = bound(kernels.go_on, (*plant, door.slots))
+        self._arrays = answer, self._plant.moving, self._plant.beside
+        self._go_on = bound(kernels.go_on, (*self._arrays, door.slots))
+        self._bind_waiting()
+
+    def _bind_waiting(self) -> None:
+        """Bind the kernel that waits to the descriptors on which it does."""
+        arrays = *self._arrays, *self._bus.door.arrays, self._polls
+        self._place = self._polls.ctypes.data
+        self._take = bound(kernels.answer_until, arrays, 0, 0)
 
 
 def _bytes(number: int) -> bytes:

@@ -15,9 +15,9 @@ from teleop_rt_drivers.simulated.drive import ServoDrive
 from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, break_drive, mend_bus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Sequence
 
-    from teleop_rt_drivers.can_frames import Outgoing
+    from teleop_rt_drivers.can_frames import CanFrame, Outgoing
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.simulated.device import Node
     from teleop_rt_drivers.simulated.faults import LastingFault
@@ -27,7 +27,10 @@ NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600  # COB-IDs without the node's 
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
-"""The timers run at least this often, for heartbeats of 10 ms and their watch."""
+"""A timer that is looked at always is looked at this often."""
+LONGEST_ANSWERING_NS = 20_000_000
+"""So long at most a kernel answers before a signal and the true motion are looked at: as long as
+the devices' heartbeats are apart, which Python sends in any case."""
 TIMERS_APART_NS = 500_000
 """On the machine's clock the timers run once in a millisecond, not again after its command."""
 AT_ONCE = 64
@@ -37,7 +40,8 @@ AT_ONCE = 64
 class CanopenNetwork:
     """Encoder, force sensor and drive as CANopen nodes, those that the config has.
 
-    `latched` is called after each SYNC, when the plant stands at the time that devices latched.
+    `latched` is called after each SYNC, when the plant stands at the time that devices latched; or
+    `note` with the rows of `signals.TRUTH` of several.
     """
 
     def __init__(
@@ -48,6 +52,7 @@ class CanopenNetwork:
         now_ns: Callable[[], int],
         seed: int,
         latched: Callable[[], None],
+        note: Callable[[list[list[float]]], None],
     ) -> None:
         self.lost_frames = 0
         self.drive: ServoDrive | None = None
@@ -80,7 +85,7 @@ class CanopenNetwork:
             self._nodes,
             self.drive,
             now_ns,
-            latched,
+            note,
             sync_id=self._sync_cob_id,
             heartbeat_id=HEARTBEAT + axis.daemon.node_id,
         )
@@ -137,7 +142,21 @@ class CanopenNetwork:
 
     def serve_once(self, readable: Collection[int]) -> None:  # noqa: ARG002 - there is one bus
         """Handle the frames that wait, as of when the kernel received each."""
-        frames = self._answering.left()
+        self._take(self._answering.left() if self._answering.is_ready() else None)
+
+    def answer_until(self, until_ns: int, descriptors: list[int]) -> bool:
+        """Handle the frames that come until then, or until another descriptor is readable.
+
+        Return whether it did: not where devices do more than answer the frames of every cycle.
+        """
+        if not self._answering.is_ready():
+            return False
+        self._answering.watch(descriptors)
+        self._take(self._answering.left(until_ns))
+        return True
+
+    def _take(self, frames: Sequence[CanFrame] | None) -> None:
+        """Handle frames, or those that wait, and run the timers."""
         if frames is None:
             self._answering.hand_back()
             frames = self._waiting_frames(AT_ONCE)  # later and further frames are for the next call
@@ -151,8 +170,11 @@ class CanopenNetwork:
             self._run_timers(now_ns)
 
     def due_ns(self, now_ns: int) -> int:
-        """Return a time soon enough for heartbeats and watch."""
-        return now_ns + TIMERS_NS
+        """Return when the first timer ends; a time soon enough where one is looked at always."""
+        quiet_ns = min(device.quiet_until_ns for device in self._nodes)
+        if quiet_ns <= now_ns:
+            return now_ns + TIMERS_NS
+        return min(quiet_ns, now_ns + LONGEST_ANSWERING_NS)
 
     def descriptors(self) -> list[int]:
         """Return the descriptor that becomes readable when there is something to do."""

@@ -69,12 +69,22 @@ class Network(Protocol):
         """Release the bus or the lines."""
 
 
+class AnsweringNetwork(Network, Protocol):
+    """Devices that answer cycle after cycle without a look at anything else."""
+
+    def answer_until(self, until_ns: int, descriptors: list[int]) -> bool:
+        """Handle the frames that come until then, or until another descriptor is readable.
+
+        Return whether it did: false where there are others than those of every cycle.
+        """
+
+
 class SimulatedRig:
     """One plant, and networks of devices around it.
 
     `truth_row` holds the newest row of `teleop_rt.signals.TRUTH`, of the last measurement;
     `on_truth`, if set, is called with each. All stamps come from `now_ns`, all random numbers
-    from `seed`.
+    from `seed`. The network that is `answering`, if any, waits for the others, too.
     """
 
     def __init__(
@@ -84,6 +94,7 @@ class SimulatedRig:
         self.truth_row: list[float] = [0.0] * len(TRUTH)
         self.on_truth: Callable[[list[float]], None] | None = None
         self.networks: list[Network] = []
+        self.answering: AnsweringNetwork | None = None
         self._units = rig.units
         self._now_ns = now_ns
         self._noted_ns = -1.0
@@ -135,9 +146,12 @@ class SimulatedRig:
         self.power_on()
         networks, due_ns = self.networks, [0] * len(self.networks)
         while not stop():
-            now_ns = self._now_ns()
-            wait_ns = min(*due_ns, now_ns + SERVE_WAIT_NS) - now_ns
+            until_ns = min(due_ns)
             descriptors = [one for network in networks for one in network.descriptors()]
+            answering = self.answering
+            if answering is not None and not answering.answer_until(until_ns, descriptors):
+                answering = None
+            wait_ns = min(until_ns - self._now_ns(), SERVE_WAIT_NS) if answering is None else 0
             try:
                 found, _, _ = select.select(descriptors, (), (), max(0, wait_ns) * 1e-9)
             except (OSError, ValueError):  # a line that is being pulled is no descriptor any more
@@ -145,7 +159,9 @@ class SimulatedRig:
             readable = frozenset(found)
             now_ns = self._now_ns()
             for number, network in enumerate(networks):
-                if due_ns[number] <= now_ns or not readable.isdisjoint(network.descriptors()):
+                if network is answering:
+                    due_ns[number] = network.due_ns(now_ns)
+                elif due_ns[number] <= now_ns or not readable.isdisjoint(network.descriptors()):
                     network.serve_once(readable)
                     due_ns[number] = network.due_ns(now_ns)
             if now_ns - self._noted_ns > IDLE_ADVANCE_NS:
@@ -162,13 +178,15 @@ class SimulatedRig:
 
     def note_truth(self) -> None:
         """Note the plant's state as of its own time, once for each instant."""
-        row = self.plant.motion_row()
-        if row[0] == self._noted_ns:
-            return
-        self._noted_ns = row[0]
-        self.truth_row = row
-        if self.on_truth is not None:
-            self.on_truth(row)
+        self.note_rows([self.plant.motion_row()])
+
+    def note_rows(self, rows: list[list[float]]) -> None:
+        """Note rows of `teleop_rt.signals.TRUTH`, once for each instant."""
+        for row in rows:
+            if row[0] != self._noted_ns:
+                self._noted_ns, self.truth_row = row[0], row
+                if self.on_truth is not None:
+                    self.on_truth(row)
 
     def _network_of(self, device: str) -> Network:
         for network in self.networks:
