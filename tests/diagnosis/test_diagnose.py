@@ -111,7 +111,7 @@ def test_two_effects_are_named_together_and_the_one_that_explains_more_comes_fir
     assert first > second
 
 
-@pytest.mark.parametrize("effect", ["pulsating_stiffness", "depth_waves"])
+@pytest.mark.parametrize("effect", cases("depth_waves", "pulsating_stiffness"))
 def test_an_effect_outside_the_vocabulary_is_not_given_a_name(effect: str) -> None:
     record = make(61, (effect,), "silicone", size=0.15, noise=0.01)
     found = answer(record)
