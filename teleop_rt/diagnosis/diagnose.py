@@ -94,7 +94,7 @@ def _detectable(
 ) -> list[dict[str, Any]]:
     """Return the detectable sizes of the effects that are not named."""
     problem, named = weighed.problem, {effect["name"] for effect in answer["effects"]}
-    named = named.union(*answer["class"])
+    named = named.union(*answer["class"], answer["probability"])
     pressed = pressed_all_along(problem)
     library = applicable(effects, recording, weighed.base.model.base, pressed=pressed)
     step = resolution_step(recording.position, recording.dt)

@@ -117,6 +117,24 @@ def test_a_part_that_was_tried_is_named_if_the_supported_set_was_not() -> None:
     assert [one.fit.names for one in found.sets] == [("adhesion",)]
 
 
+def test_of_a_set_without_all_its_names_the_part_is_named_that_explains_most() -> None:
+    friction, relaxation = "coulomb_friction", "stress_relaxation"
+    alone = [_set(friction, path=(1.0, 0.62)), _set(relaxation, path=(1.0, 0.7))]
+    both = _set(relaxation, friction, path=(1.0, 0.7, 0.3), at_bound=(friction,))
+    found = explain([_ALONE, *alone, both])
+    assert [one.fit.names for one in found.sets] == [(friction,)]
+
+
+def test_a_set_that_all_others_of_a_class_contain_is_partly_named() -> None:
+    one = _set("coulomb_friction", path=(1.0, 0.55))
+    two = _set("coulomb_friction", "force_lag", path=(1.0, 0.55, 0.345))
+    found = explain([_ALONE, one, two])
+    assert found.verdict == "partial"
+    assert [s.fit.names for s in found.sets] == [("coulomb_friction",)]
+    assert found.probability["coulomb_friction"] == HIGHEST_BESIDE_UNKNOWN
+    assert 0.5 < found.probability["force_lag"] <= HIGHEST_BESIDE_UNKNOWN
+
+
 def test_a_special_case_is_named_if_its_extension_gains_nothing() -> None:
     plain = _set("coulomb_friction", path=(1.0, 0.2))
     wider = _set("stribeck_friction", path=(1.0, 0.199), at_bound=("stribeck_friction",))

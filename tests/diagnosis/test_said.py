@@ -181,6 +181,21 @@ def test_errors_of_another_set_than_the_named_one_are_reported_as_such() -> None
     assert note.endswith("gravity_torque + adhesion")
 
 
+def test_effects_of_the_likelier_sets_of_a_part_are_said_to_be_possible() -> None:
+    recording = pressed()
+    answer = diagnose(recording, "kelvin-voigt").answer
+    part = {"verdict": "partial", "class": [["coulomb_friction"]], "effects": []}
+
+    def said(probability: dict[str, float]) -> list[str]:
+        changed = {**answer, **part, "probability": probability}
+        notes = notes_of(changed, base_of("kelvin-voigt"), "kelvin-voigt", recording, None, "usual")
+        return [note for note in notes if "may act as well" in note]
+
+    assert said({"coulomb_friction": 0.7}) == []
+    (note,) = said({"coulomb_friction": 0.7, "channel_delay": 0.7, "backlash": 0.61})
+    assert note.startswith("backlash (probability 0.61) and channel_delay (probability 0.70) may")
+
+
 def test_a_value_at_its_bound_is_said_to_lie_there() -> None:
     recording = pressed()
     problem = problem_of(recording, base_of("kelvin-voigt"), 5e-3)

@@ -23,6 +23,7 @@ BASE = base_of("kelvin-voigt")
 ANSWER: dict[str, Any] = {
     "verdict": "no_missing_effect",
     "class": [],
+    "probability": {},
     "base": {"parameters": {}},
     "error": {
         "on": "held-out blocks",

@@ -128,7 +128,8 @@ def notes_of(
     else:
         half = half_window(recording.position, recording.dt, 2 if base.has_mass else 1)
         found += _of_quick_motion(too_quick(recording.position, recording.dt, half), recording)
-    return found + _of_what_is_left(answer) + _of_predictor(answer) + _of_errors(answer)
+    found += _of_possible(answer) + _of_what_is_left(answer) + _of_predictor(answer)
+    return found + _of_errors(answer)
 
 
 def _of_quick_motion(quick: Vector, recording: Recording) -> list[str]:
@@ -153,6 +154,16 @@ def _of_quick_motion(quick: Vector, recording: Recording) -> list[str]:
 def _missing(recording: Recording, first: int, past: int) -> bool:
     """Return whether a sample of the stretch is missing in the recording."""
     return bool(np.any(recording.mask[first:past] == 0.0))
+
+
+def _of_possible(answer: dict[str, Any]) -> list[str]:
+    """Return the note on effects that only some of the possible sets contain."""
+    certain = {name for names in answer["class"] for name in names}
+    possible = {name: p for name, p in answer["probability"].items() if name not in certain}
+    if not possible:
+        return []
+    names = " and ".join(f"{name} (probability {p:.2f})" for name, p in sorted(possible.items()))
+    return [f"{names} may act as well: the set without them is not excluded"]
 
 
 def _of_what_is_left(answer: dict[str, Any]) -> list[str]:

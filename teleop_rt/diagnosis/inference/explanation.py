@@ -83,17 +83,20 @@ def explain(
             break
     # If the class contains a law and its special case, the special case comes first.
     chosen = sorted(chosen, key=lambda n: not set(chosen).isdisjoint(_special_cases(known[n])))
+    probability = {
+        n: min(HIGHEST_BESIDE_UNKNOWN, sum(w for names, w in mass.items() if n in names))
+        for n in frozenset[str]().union(*chosen)
+    }
+    common = frozenset.intersection(*chosen)
+    is_part = len(chosen) > 1 and common in chosen
+    if is_part:  # what the larger sets add is possible, and not certain
+        chosen = [common]
     sets = tuple(known[names] for names in chosen)
     family = _family(sets)
     many = len(sets) > MOST_SETS and not _predict_alike(sets, apart)
-    if many or any(not one.names for one in sets):
+    if many or not sets[0].names:
         return Explanation("unexplained", (), family, {})
-    effects = {name for names in chosen for name in names}
-    probability = {
-        n: min(HIGHEST_BESIDE_UNKNOWN, sum(w for names, w in mass.items() if n in names))
-        for n in effects
-    }
-    if sets[0].energies[0] - sets[0].energy < NAMED_SHARE * excess:
+    if is_part or sets[0].energies[0] - sets[0].energy < NAMED_SHARE * excess:
         return Explanation("partial", sets, family, probability)
     return Explanation("named" if len(sets) == 1 else "class", sets, family, probability)
 
@@ -237,8 +240,8 @@ def _named_part(
     part of the excess of which later effects take their shares: it grows with the recording.
     Another law of the same physics only corrects the first one and is not named. If the data do
     not support the name of an effect, the set with its special case is returned where that explains
-    nearly as much, or the set without the effect, or, of the effects of that one, as many as were
-    tried together, or else the empty set. A special case that fits as well comes first.
+    nearly as much, or else the part of the set that explains most by itself, of those that the data
+    support. A special case that fits as well comes first.
     """
     names, order, named = frozenset[str](), list[str](), 0
     energy = known[names].energy
@@ -260,10 +263,9 @@ def _named_part(
     special = [n for n in simpler_names(best) if n in known
                and one.energies[0] - known[n].energy >= _NEARLY_AS_GOOD * taken]  # fmt: skip
     as_good = [n for n in special if (1.0 - LEAST_GAIN) * known[n].energy <= known[best].energy]
-    supported = [n for n in order if n in best - known[best].unsupported]
-    beginnings = [frozenset(supported[:number]) for number in range(len(supported), 0, -1)]
-    ways = (*as_good, best, *special, *beginnings)
-    return next((n for n in ways if n in known and known[n].nameable), frozenset())
+    parts = sorted((n for n in known if n < best), key=lambda n: known[n].energy)
+    ways = (*as_good, best, *special, *parts)
+    return next(n for n in ways if known[n].nameable or not n)
 
 
 def _distinct(
