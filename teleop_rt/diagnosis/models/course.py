@@ -146,13 +146,19 @@ def _run(effect: Effect, motion: RecordedMotion, place: Place, eta: Vector) -> V
     """Return the effect's value at every sample."""
 
     def make() -> Vector:
-        v = over_steps(place.v) if effect.state_size else place.v
+        v = _advance(motion, place.v) if effect.state_size else place.v
         return run_step(effect, place.x, v, motion.a, motion.t, motion.dt, eta)
 
     if place.shift is None:
         return make()
     key = (effect.step, effect.state_size, place.shift, eta.tobytes())
     return motion.remembered(key, make)
+
+
+def _advance(motion: RecordedMotion, v: Vector) -> Vector:
+    """Return the velocity by which a memory advances to each sample: 0 at rest."""
+    midway = over_steps(v)
+    return midway if motion.moves is None else motion.moves * midway
 
 
 def _way(

@@ -9,8 +9,10 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Scale, Vector
+from teleop_rt.kernels.jit import kernel
 from teleop_rt.recordings.filters import local_polynomial
 from teleop_rt.recordings.rows import quantisation_step, robust_deviation, stretches
 
@@ -25,6 +27,8 @@ _REST_CHANGE_RATIO = 1e-9  # of the position's range; a smaller difference is a 
 _LEAST_NOISE_STEPS = 0.45  # of the step; less noise may be the steps alone (0.28 to 0.37)
 _MOST_NOISE_STEPS = 2.0  # of the step; with more, the steps are digits of a number
 _REST_SAMPLES = 200  # equal readings in a row that exclude noise before the steps
+_BAND = 4.0  # deviations of the position's noise; a tool at rest stays within such a band
+_TO_AND_FRO = 3.0  # times the range that noise moves it there; a tool that turns over moves 2 times
 _T = TypeVar("_T")
 
 
@@ -33,7 +37,9 @@ class RecordedMotion:
     """The input of the model: evenly spaced in time, penetration positive into the environment.
 
     Arrays have one value per sample, in the rig's units; `dt` in s. Bounds of shape parameters are
-    multiples of `scales`. A derivative uses `half` samples on either side.
+    multiples of `scales`. A derivative uses `half` samples on either side. `moves` is 0 at rest,
+    where a memory of the way would creep by the noise of the position, and 1 elsewhere; None if the
+    tool never rests.
     """
 
     t: Vector
@@ -43,6 +49,7 @@ class RecordedMotion:
     dt: float
     scales: Mapping[Scale, float] = field(default_factory=dict)
     half: int = 0
+    moves: Vector | None = None
     memory: OrderedDict[Hashable, Vector] = field(
         default_factory=OrderedDict, init=False, repr=False, compare=False
     )
@@ -75,7 +82,8 @@ class RecordedMotion:
             whole = self.x.size - self.x.size % number
             rows = (self.t, self.x, self.v, self.a)
             t, x, v, a = (np.ascontiguousarray(row[:whole:number]) for row in rows)
-            return RecordedMotion(t, x, v, a, number * self.dt, dict(self.scales))
+            moves = None if self.moves is None else self.moves[:whole:number]
+            return RecordedMotion(t, x, v, a, number * self.dt, dict(self.scales), moves=moves)
 
         return self.made(("every", number), make)
 
@@ -114,6 +122,33 @@ def _still(derivative: Vector) -> Vector:
     return np.where(np.abs(derivative) > _ROUNDING * largest, derivative, 0.0)
 
 
+def _moves(x: Vector, v: Vector, dt: float, half: int, band: float) -> Vector | None:
+    """Return 0 where the position moves to and fro within the band of its noise, 1 elsewhere.
+
+    It does so for longer than the window of a derivative: in less, a slow motion may turn over.
+    None if there is no such rest.
+    """
+    within = np.zeros(x.size, dtype=np.bool_)
+    _find_rests(x, np.abs(v) * dt, band, within)
+    rests = [(first, past) for first, past in stretches(within) if past - first > 2 * half + 1]
+    moves = np.ones(x.size)
+    for first, past in rests:
+        moves[first:past] = 0.0
+    return moves if rests else None
+
+
+@kernel
+def _find_rests(x: Vector, way: Vector, band: float, out: NDArray[np.bool_]) -> None:
+    first, low, high, moved = 0, x[0], x[0], 0.0
+    for i in range(1, x.size + 1):
+        here = x[min(i, x.size - 1)]
+        if i == x.size or max(high, here) - min(low, here) > band:
+            out[first:i] = moved > _TO_AND_FRO * (high - low)
+            first, low, high, moved = i, here, here, 0.0
+        else:
+            low, high, moved = min(low, here), max(high, here), moved + way[i]
+
+
 def motion_of(
     position: Vector, force: Vector, dt: float, surface: float, half: int, *, touches: bool = True
 ) -> RecordedMotion:
@@ -135,7 +170,8 @@ def motion_of(
         "force": float(np.max(np.abs(force))),
         "place": 0.5 * float(np.min(x) + np.max(x)),
     }
-    return RecordedMotion(t, x, v, a, dt, scales, half)
+    moves = _moves(x, v, dt, half, _BAND * position_noise(position, dt))
+    return RecordedMotion(t, x, v, a, dt, scales, half, moves)
 
 
 def position_noise(position: Vector, dt: float) -> float:
