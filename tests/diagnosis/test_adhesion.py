@@ -1,4 +1,4 @@
-"""Adhesion by a neck, whose pull rises from nothing as it is stretched, and then breaks."""
+"""Adhesion by a neck that is stretched and breaks, and on a soft sphere."""
 
 from __future__ import annotations
 
@@ -41,3 +41,34 @@ def test_a_neck_that_is_stretched_and_breaks_is_adhesion_and_nothing_else(
     assert answer["error"]["after_over_floor"] < most
     error = answer["error"]["std_normalised"]
     assert error["after"] < 0.3 * error["before"]  # it pulls in free air alone
+
+
+def soft_sphere(depth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the force [N] on a ball of 20 um by Johnson, Kendall and Roberts (1971).
+
+    25 MPa of reduced modulus and 0.13 N/m of adhesion energy: it pulls off at 12 uN.
+    """
+    radius, modulus, energy = 2e-5, 2.5e7, 0.13
+    contact = np.linspace(1e-8, 3e-5, 60_000)
+    pulled = np.sqrt(2.0 * np.pi * energy * contact / modulus)
+    depths = contact**2 / radius - pulled
+    forces = 4.0 * modulus * contact**3 / (3.0 * radius)
+    forces -= np.sqrt(8.0 * np.pi * energy * modulus * contact**3)
+    stable = slice(int(np.argmin(depths)), None)
+    force, held = np.interp(depth, depths[stable], forces[stable]), False
+    for i, at in enumerate(depth.tolist()):
+        held = at > 0.0 or (held and at > depths[stable][0])
+        force[i] *= held
+    return force
+
+
+def test_a_soft_sphere_that_adheres_is_adhesion_with_its_pull_off_force() -> None:
+    t = DT * np.arange(6000)
+    depth = 2.2e-6 * np.sin(2 * np.pi * 0.31 * t - 1.2) + 1e-6 * np.sin(2 * np.pi * 0.83 * t)
+    noise = 3e-7 * np.random.default_rng(6).standard_normal(t.size)
+    recording = from_arrays("ball", t, depth, soft_sphere(depth) + noise)
+    answer = diagnose(recording, "hunt-crossley", surface=0.0).answer
+    assert answer["class"] == [["adhesion"]]
+    found = answer["effects"][0]["parameters"]["pull_off_force"]["value"]
+    assert abs(found / (1.5 * np.pi * 2e-5 * 0.13) - 1.0) < 0.05
+    assert answer["error"]["after_over_floor"] < 1.1

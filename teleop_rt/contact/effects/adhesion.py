@@ -1,4 +1,4 @@
-"""Adhesion: the surface pulls the tool back; five laws of one effect of the material."""
+"""Adhesion: the surface pulls the tool back; six laws of one effect of the material."""
 
 from __future__ import annotations
 
@@ -62,6 +62,33 @@ def _bond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta:
     return float(-state[0] * exp(-((abs(x) / eta[0]) ** eta[1])))
 
 
+_RELEASE = 0.2752  # the distance at which a soft sphere lets go, in squared radii over its own
+_ITERATIONS = 20  # of Newton's method, of which the error halves at worst
+_ACCURACY = 1e-6  # of the root of the radius
+
+
+@kernel
+def _soft_sphere(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Pull the tool in beside Hertz's force, until the contact of a soft sphere lets go.
+
+    After Johnson, Kendall and Roberts (1971). In units of the contact's radius r at no load, and of
+    the pull-off force, depth is r^2 - 2/3 r^(1/2) and force 4 (r^3 - r^(3/2)) (Maugis 2000).
+    """
+    _touch(state, x, eta[0])
+    if state[0] == 0.0:
+        return 0.0
+    depth = max(x / eta[0], -1.0) * _RELEASE
+    root = (max(depth, 0.0) + 1.0) ** 0.25  # of the radius, above the solution
+    for _ in range(_ITERATIONS):
+        step = (root**4 - 2.0 / 3.0 * root - depth) / (4.0 * root**3 - 2.0 / 3.0)
+        root -= step
+        if abs(step) < _ACCURACY:
+            break
+    return float(-4.0 * (max(depth, 0.0) ** 1.5 - root**6 + root**3))
+
+
 @kernel
 def _sticking_withdrawal(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
@@ -116,5 +143,6 @@ EFFECTS = (
     _law("neck", _neck, "where a neck is stretched, up to {range}, after a contact.", _RISE, _FALL),
     _law("in contact and after", _attraction, "in contact and within {range} after it.", _NECK),
     _law("near the surface", _bond, "within {range} on both of its sides.", _ROUND),
+    _law("of a soft sphere", _soft_sphere, "as a soft sphere does (JKR), to {range} after it."),
     _law("on withdrawal", _sticking_withdrawal, "within {range} on withdrawal."),
 )
