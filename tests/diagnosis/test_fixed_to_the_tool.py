@@ -136,3 +136,18 @@ def test_a_held_body_behind_a_joint_is_late_as_by_a_slow_channel() -> None:
     assert {("force_lag",), ("series_compliance",)} <= {tuple(names) for names in answer["class"]}
     known = answer["probability"]
     assert known["series_compliance"] == pytest.approx(known["force_lag"], rel=0.02)
+
+
+@pytest.mark.parametrize("dry_n", [0.0, 1.5])
+def test_a_clevis_with_play_is_backlash(dry_n: float) -> None:
+    """Within the play the spring is slack (Nordin and Gutman 2002), as a softer middle would be."""
+    t, x, v = _swept(0.002, 5e-3)
+    taut = np.where(np.abs(x - 6e-4) > 3.5e-4, 1.0, 0.0)
+    spring = 3000.0 * (x - 6e-4 - np.clip(x - 6e-4, -3.5e-4, 3.5e-4)) + 20.0 * taut * v
+    force = spring + dry_n * np.tanh(v / 2e-4)
+    answer = diagnose(_recorded(t, x, force, 0.03), "spring,viscous,bias").answer
+    named = ["backlash", "coulomb_friction"] if dry_n else ["backlash"]
+    assert named in [sorted(names) for names in answer["class"]]
+    found = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
+    assert found["gap"] == pytest.approx(7e-4, rel=0.03)
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(3000.0, rel=0.01)

@@ -14,6 +14,7 @@ from teleop_rt.contact.effect import (
     Vector,
 )
 from teleop_rt.contact.effects.sensor import FIRST_ORDER_LAG
+from teleop_rt.contact.effects.stiffening import CENTRE
 from teleop_rt.contact.law import joint_deflection
 from teleop_rt.kernels.jit import kernel
 
@@ -100,6 +101,15 @@ def _play_from_unloading_flank(
     return _drag(state, x, eta[0], 0.0)
 
 
+@kernel
+def _slack_about_rest(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Leave the tip at its rest eta[0] until the encoder is half a gap from it."""
+    half = 0.5 * eta[1]
+    return float(-min(max(x - eta[0], -half), half))
+
+
 BEYOND_THE_MASS = "beyond the tool's mass"  # law of a play between the tool and its tip
 
 
@@ -124,6 +134,7 @@ def _play(law: str, step: StepFunction) -> Effect:
     )
 
 
+_PLAY = _play("centred", _play_centred)
 _SWINGING = Effect(
     name="moving_surface",
     law="swinging",
@@ -259,13 +270,21 @@ EFFECTS = (
         " {seating_force} the joint has seated and deflects half as far.",
     ),
     _JOINT_OF_A_HELD_BODY,
-    _play("centred", _play_centred),
+    _PLAY,
     _play("from the loading flank", _play_from_loading_flank),
     _play("from the unloading flank", _play_from_unloading_flank),
     replace(
         _play(BEYOND_THE_MASS, _play_centred),
         sentence="A play of {gap} lies between the tool and its tip.",
         moves_mass=False,
+    ),
+    replace(
+        _PLAY,
+        law=f"{WITHOUT_CONTACT}, about the rest",
+        shapes=(replace(CENTRE, points=5), *_PLAY.shapes),
+        step=_slack_about_rest,
+        sentence="A body that is held has a play of {gap} about {centre}.",
+        state_size=0,
     ),
     Effect(
         name="channel_delay",
