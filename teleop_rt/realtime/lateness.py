@@ -7,14 +7,16 @@ ran at last. It is dangerous for as long as the drive moves on old orders, so th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.config.realtime import LateConfig
-from teleop_rt.kernels.jit import kernel, shared
+from teleop_rt.kernels.jit import bound, kernel, shared
 
 Counts = NDArray[np.int64]
 
@@ -113,7 +115,11 @@ class Lateness:
 
     def update(self, late_ns: int) -> Late:
         """Take how late this tick began, 0 for one in time; whole periods of it are late ticks."""
-        return _KIND_OF[judge_lateness(self.record, late_ns)]
+        return _KIND_OF[self._judge(late_ns)]
+
+    @cached_property
+    def _judge(self) -> Callable[[int], int]:
+        return bound(judge_lateness, (self.record,), 0)  # a slave has its own kernel do it
 
     @property
     def longest_ns(self) -> int:

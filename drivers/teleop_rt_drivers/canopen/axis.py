@@ -176,12 +176,12 @@ class CanopenAxis:
 
     def _await_answers(self, asked_ns: int) -> None:
         """Take frames until all answers to this SYNC are there, or their time is over."""
-        last_ns = -1
-        while not self._receiver.answered:
+        receiver, last_ns = self._receiver, -1
+        while True:
             now_ns = self._now_ns()
-            self._receiver.drain(now_ns)
+            receiver.drain(now_ns)
             # A clock that stands still while we wait is a simulated one: nothing more will come.
-            if now_ns - asked_ns > self._answer_ns or now_ns == last_ns:
+            if receiver.answered or now_ns == last_ns or now_ns - asked_ns > self._answer_ns:
                 return
             last_ns = now_ns
 

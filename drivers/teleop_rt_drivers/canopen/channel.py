@@ -53,7 +53,8 @@ class Replies:
     @property
     def answered(self) -> bool:
         """Return whether as many answers came as are owed."""
-        return self.received >= self._record.counts[_OWED]
+        counts = self._record.counts
+        return counts[_RECEIVED] >= counts[_OWED]
 
     def asked(self) -> None:
         """Note that a SYNC was sent."""

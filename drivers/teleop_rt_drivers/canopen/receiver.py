@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -110,6 +111,7 @@ class Receiver:
             {node.node_id: node.silence_ms for node in config.nodes.values()}, guarded
         )
         intake.load_kernels()
+        self._note_sync_sent = bound(intake.note_sync_sent, (self._sources,))
         self._bind(Sample())
         self._switch = switch
         self._handlers = self._handler_table()
@@ -135,7 +137,7 @@ class Receiver:
     def asked(self) -> None:
         """Note that a SYNC is sent: every source owes an answer."""
         self.counters["sync_sent"] += 1
-        intake.note_sync_sent(self._sources)
+        self._note_sync_sent()
 
     def _new_reading(self) -> Readings:
         """Return a reading of the parts that there are, which lie in this order."""
@@ -217,6 +219,15 @@ class Receiver:
             for slots in reader.all_slots
         }
 
+    @cached_property
+    def _taking(self) -> dict[int, Callable[[int, int, int], int]]:
+        """The kernel that takes frames from each of the reader's slots."""
+        arrays = self._sources, self._words, self._heartbeats.lives
+        return {
+            id(slots): bound(intake.take_frames, (*arrays, slots), 0, 0, 0)
+            for slots in self._reader.all_slots
+        }
+
     def _stale(self, events: int) -> str:
         """Return the reason why the first value is not new."""
         late = (one.too_old for bit, one in enumerate(self._channels) if events >> bit & 1)
@@ -280,11 +291,11 @@ class Receiver:
     def drain(self, now_ns: int) -> None:
         """Hand every waiting frame to its handler; a flood is left for the next cycle."""
         count = self._arrived(now_ns)
-        arrays = self._sources, self._words, self._heartbeats.lives, self._reader.slots
-        row = intake.take_frames(*arrays, 0, count, now_ns)
+        take_frames = self._taking[id(self._reader.slots)]
+        row = take_frames(0, count, now_ns)
         while row < count:
             self._hand_on(*self._reader.frame(row)[:2], now_ns)
-            row = intake.take_frames(*arrays, row + 1, count, now_ns)
+            row = take_frames(row + 1, count, now_ns)
 
     def _arrived(self, now_ns: int) -> int:
         """Return how many frames wait now."""
