@@ -14,6 +14,7 @@ from teleop_rt.diagnosis.answers.experiment import Reach
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.confirmed import unweighted
 from teleop_rt.diagnosis.inference.explanation import likelihoods
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.errors import ExpectedError
 from teleop_rt.recordings.recording import Recording, from_arrays
 from teleop_rt_dev.diagnosis.plants import Record
@@ -27,11 +28,14 @@ def recorded(record: Record) -> Recording:
 
 
 def answer(record: Record, **options: object) -> dict[str, object]:
-    """The answer for a record, which keeps the printed schema whatever its verdict."""
-    found = diagnose(recorded(record), record.base, surface=0.0, **options).answer
-    printed = {key: value for key, value in found.items() if key != "seconds"}
+    return following_its_schema(diagnose(recorded(record), record.base, surface=0.0, **options))
+
+
+def following_its_schema(found: Diagnosis) -> dict[str, object]:
+    """The answer of a diagnosis, which keeps the printed schema whatever its verdict."""
+    printed = {key: value for key, value in found.answer.items() if key != "seconds"}
     assert violations(SchemaName.ANSWER, printed) == []
-    return found
+    return found.answer
 
 
 @pytest.mark.parametrize(
@@ -137,8 +141,12 @@ def toned(effect: str) -> Record:
 
 
 @functools.cache
+def diagnosis_of_tone(effect: str) -> Diagnosis:
+    return diagnose(recorded(toned(effect)), "kelvin-voigt", surface=0.0)
+
+
 def answer_for_tone(effect: str) -> dict[str, object]:
-    return answer(toned(effect))
+    return following_its_schema(diagnosis_of_tone(effect))
 
 
 def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
@@ -152,8 +160,7 @@ def test_one_tone_in_contact_leaves_a_class_with_the_truth_in_it() -> None:
 
 def test_probabilities_compare_fits_by_the_same_weights() -> None:
     """The first set was refitted by even weights, and its criterion compared with the others'."""
-    recording = recorded(toned("force_bias"))
-    found = diagnose(recording, "kelvin-voigt", surface=0.0)
+    found = diagnosis_of_tone("force_bias")
     assert len(found.judgement.sets) > 1
     plain = unweighted(found)
     assert plain.judgement.sets[0].fit.bic != found.judgement.sets[0].fit.bic
