@@ -223,6 +223,21 @@ def test_a_tool_that_follows_a_jittering_link_is_not_smoothed_away_nor_taken_for
     assert np.std((v - v_true)[100:-100]) < 0.5 * np.std(v_true - savgol_filter(v_true, 41, 3))
 
 
+@pytest.mark.parametrize("rate_hz", [1000.0, 2000.0])
+@pytest.mark.parametrize("highest_hz", [100.0, 150.0, 200.0])
+def test_a_quick_motion_that_the_samples_show_is_not_in_steps(
+    rate_hz: float, highest_hz: float
+) -> None:
+    """Its force above 50 Hz was thrown away, and a lag beside a friction passed for noise."""
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 6.0, 1.0 / rate_hz)
+    rates = 2.0 * np.pi * np.geomspace(0.5, highest_hz, 14)
+    turns = np.outer(rates, t) + rng.uniform(0.0, 6.0, 14)[:, None]
+    x = (0.02 / rates) @ np.sin(turns)
+    read = 1e-6 * np.round(x / 1e-6 + rng.standard_normal(t.size))
+    assert not moves_in_steps(read, 1000.0 * x, 1.0 / rate_hz)
+
+
 def followed_in_steps(
     friction: float, stiffening: float, rate_hz: float = 1000.0, jitter_s: float = 0.005
 ) -> Recording:

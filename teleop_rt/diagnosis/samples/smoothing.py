@@ -30,6 +30,7 @@ _FELT_REACH = 2  # samples between motion and force, of damping, sensors and dri
 _LARGE_FORCE = 0.2  # of the force's 99.9 % quantile
 _FEWEST_FELT = 100  # samples
 _FELT_SHARE = 0.9  # of power; 0.96 to 1 behind links, 0 to 0.03 in measured data, an AFM's 0.6
+_STEPS_POWER_RATIO = 0.1  # of the power recovered before; steps 0.35 to 0.7, tones to 200 Hz 0.02
 _DOUBT = 2.0  # times the noise, below which a spectrum does not show the motion
 
 
@@ -198,14 +199,30 @@ def moves_in_steps(position: Vector, force: Vector, dt: float) -> bool:
 
     A link that jitters or loses packets causes such steps. They are detected if even the narrowest
     window is too wide, and the narrowest usual one loses more than `NOISY_SPEED` of the velocity.
+    Steps have no highest frequency: each narrower window recovers more of them, which it does not
+    of a quick motion that a wider one follows already.
     """
     narrow, usual = narrowest(dt), max(3, round(HALF_WINDOWS_S[-1] / dt))
     if narrow < usual and half_window(position, dt) <= narrow:
-        fast, slow = (differentiate(position, dt, half)[1] for half in (narrow, usual))
         inner = slice(2 * usual, -2 * usual)  # at the ends a window looks to one side only
-        lost = float(np.std((fast - slow)[inner]))
-        return lost > NOISY_SPEED * float(np.std(slow[inner]))
+        lost = float(np.std(_recovered(position, dt, usual, narrow)[inner]))
+        speed = float(np.std(differentiate(position, dt, usual)[1][inner]))
+        between = max(3, round(_NARROWER_S[1] / dt))
+        return lost > NOISY_SPEED * speed and (
+            between == narrow
+            or _power_recovered(position, dt, between, narrow)
+            > _STEPS_POWER_RATIO * _power_recovered(position, dt, usual, between)
+        )
     return _noise_is_motion(position, force, dt)
+
+
+def _power_recovered(position: Vector, dt: float, half: int, near: int) -> float:
+    """Return the mean square of the velocity that a narrower window recovers, beyond noise."""
+    impulse = np.zeros(8 * half + 1)
+    impulse[4 * half] = 1.0
+    found, by_noise = (_recovered(row, dt, half, near) for row in (position, impulse))
+    noise = position_noise(position, dt) ** 2 * float(by_noise @ by_noise)
+    return max(float(np.var(found[2 * half : -2 * half])) - noise, 0.0)
 
 
 def _noise_is_motion(position: Vector, force: Vector, dt: float) -> bool:
