@@ -122,19 +122,22 @@ def _still(derivative: Vector) -> Vector:
     return np.where(np.abs(derivative) > _ROUNDING * largest, derivative, 0.0)
 
 
-def _moves(x: Vector, v: Vector, dt: float, half: int, band: float) -> Vector | None:
+def _moves(x: Vector, v: Vector, dt: float, half: int, noise: float) -> Vector | None:
     """Return 0 where the position moves to and fro within the band of its noise, 1 elsewhere.
 
     It does so for longer than the window of a derivative: in less, a slow motion may turn over.
-    None if there is no such rest.
+    A rest lasts from the first to the last sample within a deviation of its median: within the band
+    the tool already moves on, further than a friction may need to slide. None without a rest.
     """
     within = np.zeros(x.size, dtype=np.bool_)
-    _find_rests(x, np.abs(v) * dt, band, within)
-    rests = [(first, past) for first, past in stretches(within) if past - first > 2 * half + 1]
+    _find_rests(x, np.abs(v) * dt, _BAND * noise, within)
     moves = np.ones(x.size)
-    for first, past in rests:
-        moves[first:past] = 0.0
-    return moves if rests else None
+    for first, past in stretches(within):
+        row = x[first:past]
+        near = first + np.flatnonzero(np.abs(row - np.median(row)) <= noise)
+        if near.size and near[-1] - near[0] > 2 * half:
+            moves[near[0] : near[-1] + 1] = 0.0
+    return None if np.all(moves) else moves
 
 
 @kernel
@@ -170,7 +173,7 @@ def motion_of(
         "force": float(np.max(np.abs(force))),
         "place": 0.5 * float(np.min(x) + np.max(x)),
     }
-    moves = _moves(x, v, dt, half, _BAND * position_noise(position, dt))
+    moves = _moves(x, v, dt, half, position_noise(position, dt))
     return RecordedMotion(t, x, v, a, dt, scales, half, moves)
 
 
