@@ -398,3 +398,23 @@ def test_a_surface_beyond_its_bound_is_sought_where_nothing_is_named_yet(names: 
     recording = from_arrays("dented", t, position, force + 0.015 * noise)
     laws = tuple(law for law in LIBRARY if law.name in names)
     assert diagnose(recording, effects=laws).answer["class"] == [["permanent_set"]]
+
+
+def test_a_stated_surface_that_is_off_is_an_offset_beside_a_relaxation() -> None:
+    """A surface that settles at once is the same one, elsewhere."""
+    dt, rng = 0.002, np.random.default_rng(48)
+    t = dt * np.arange(6000)
+    x = 2.2e-3 * np.sin(1.9 * t - 1.0) + 1.1e-3 * np.sin(4.7 * t) + 6e-4 * np.sin(11.0 * t)
+    depth = np.maximum(x, 0.0)
+    arm = np.zeros(t.size)  # of 420 N/m, relaxing within 0.3 s
+    for i in range(1, t.size):
+        way = depth[i] - depth[i - 1]
+        arm[i] = (arm[i - 1] + 420.0 * way) * np.exp(-dt / 0.3)
+    force = np.where(x > 0.0, 2200.0 * x + 6.0 * np.gradient(x, dt) + arm, 0.0)
+    read = 2e-6 * np.round(x / 2e-6)
+    recording = from_arrays("deep", t, read, force + 0.05 * rng.standard_normal(t.size))
+    answer = diagnose(recording, surface=3.5e-4).answer
+    assert [sorted(names) for names in answer["class"]] == [["contact_offset", "stress_relaxation"]]
+    found = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
+    assert found["shift"] == pytest.approx(3.5e-4, rel=0.05)
+    assert found["arm_stiffness"] == pytest.approx(420.0, rel=0.05)

@@ -124,14 +124,19 @@ def test_an_effect_that_adds_to_a_simpler_one_is_kept_or_named() -> None:
     assert names(clear) == ["stribeck_friction"]
 
 
-def test_a_larger_law_at_its_bound_is_another_form_of_its_special_case() -> None:
-    left = {"coulomb_friction": (400.0, 380.0), "stribeck_friction": (0.0, CHANCE_LEFT)}
-    assert names(judged(9000.0, **left)) == ["stribeck_friction"]
-    found = judged(9000.0, at_bound="stribeck_friction", **left)
-    assert names(found) == ["coulomb_friction"]
-    del left["coulomb_friction"]
-    alone = judged(9000.0, at_bound="stribeck_friction", **left)
-    assert names(alone) == ["stribeck_friction"]
+@pytest.mark.parametrize(
+    ("plain", "larger"),
+    [("coulomb_friction", "stribeck_friction"), ("contact_offset", "moving_surface")],
+)
+def test_a_larger_law_at_its_bound_is_another_form_of_its_special_case(
+    plain: str, larger: str
+) -> None:
+    """A surface that settles at once is an offset."""
+    left = {plain: (400.0, 380.0), larger: (0.0, CHANCE_LEFT)}
+    assert names(judged(9000.0, **left)) == [larger]
+    assert names(judged(9000.0, at_bound=larger, **left)) == [plain]
+    del left[plain]
+    assert names(judged(9000.0, at_bound=larger, **left)) == [larger]
 
 
 def test_a_law_that_leaves_nothing_is_not_confused_with_one_that_is_clearly_worse() -> None:

@@ -34,6 +34,7 @@ SPECIAL_CASE_OF = {
     "stribeck_friction": "coulomb_friction",
     "direction_dependent_damping": "viscous_friction",
     "second_layer": "contact_offset",
+    "moving_surface": "contact_offset",
     "gravity_torque": "force_bias",
     "force_drift": "force_bias",
     "return_spring": "force_bias",
