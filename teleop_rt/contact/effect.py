@@ -47,12 +47,19 @@ Family = Literal[
 
 
 Acts = Literal[
-    "adds_force", "moves_position", "deflects", "filters_force", "limits_force", "shifts_time"
+    "adds_force",
+    "moves_position",
+    "deflects",
+    "slackens",
+    "filters_force",
+    "limits_force",
+    "shifts_time",
 ]
 """How amplitude times value acts on the model's force.
 
 `adds_force`: is added to it. `moves_position`: is added to the penetration that the material
 sees. `deflects`: is taken off the penetration; the step sees the force in the place of x.
+`slackens`: as `limits_force`, of the force that the tip passes on, before the sensor reads it.
 `filters_force`: is the measured force; the step sees the true force as x and its rate as v.
 `limits_force`: as `filters_force`, but not linear in the force. `shifts_time`: is the lag [s]
 of the measured force.

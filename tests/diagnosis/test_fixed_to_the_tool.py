@@ -151,3 +151,25 @@ def test_a_clevis_with_play_is_backlash(dry_n: float) -> None:
     found = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
     assert found["gap"] == pytest.approx(7e-4, rel=0.03)
     assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(3000.0, rel=0.01)
+
+
+def test_a_play_before_a_dry_guide_opens_at_no_force() -> None:
+    """The guide holds the body where the tool lets go of it, so the play opens at two places."""
+    t, x, _ = _swept(0.002, 5e-3)
+    stiffness, dry, half_gap = 3000.0, 1.5, 3.5e-4
+    tip, flank, force = 0.0, 0.0, np.zeros(t.size)
+    for i in range(1, t.size):
+        if flank == 0.0 and abs(x[i] - tip) > half_gap:
+            flank = np.sign(x[i] - tip)
+        if flank != 0.0:
+            pushed = x[i] - flank * half_gap
+            pressed = stiffness * pushed + dry * np.sign(pushed - tip)
+            flank = flank if flank * pressed > 0.0 else 0.0
+        if flank != 0.0:
+            tip, force[i] = pushed, pressed
+    answer = diagnose(_recorded(t, x, force, 0.03), "spring,viscous,bias").answer
+    assert [sorted(names) for names in answer["class"]] == [["backlash", "coulomb_friction"]]
+    found = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
+    assert found["friction_force"] == pytest.approx(dry, rel=0.03)
+    assert found["slack_force"] == pytest.approx(stiffness * half_gap, rel=0.05)
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(stiffness, rel=0.01)

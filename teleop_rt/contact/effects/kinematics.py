@@ -110,6 +110,14 @@ def _slack_about_rest(
     return float(-min(max(x - eta[0], -half), half))
 
 
+@kernel
+def _slack_at_no_force(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return the force x of a tip without play, less what the play's half would press."""
+    return float(x - min(max(x, -eta[0]), eta[0]))
+
+
 BEYOND_THE_MASS = "beyond the tool's mass"  # law of a play between the tool and its tip
 
 
@@ -285,6 +293,27 @@ EFFECTS = (
         step=_slack_about_rest,
         sentence="A body that is held has a play of {gap} about {centre}.",
         state_size=0,
+    ),
+    # Where a friction lies beyond the play, the play opens at no force, not at one place.
+    replace(
+        _PLAY,
+        law=f"{WITHOUT_CONTACT}, at no force",
+        shapes=(
+            Shape(
+                "slack_force",
+                "{f}",
+                2e-3,
+                0.5,
+                0.05,
+                logarithmic=True,
+                relative_to="force",
+                points=8,
+            ),
+        ),
+        step=_slack_at_no_force,
+        sentence="A held body has a play at no force; half of it would press {slack_force}.",
+        state_size=0,
+        acts="slackens",
     ),
     Effect(
         name="channel_delay",

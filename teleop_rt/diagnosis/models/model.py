@@ -131,7 +131,7 @@ class CandidateModel:
         """Number of successive linear fits, more than 1 if the columns depend on the parameters."""
         if any(effect.acts == "deflects" for effect in self.effects):
             return 6
-        limits = any(effect.acts == "limits_force" for effect in self.effects)
+        limits = any(effect.acts in {"slackens", "limits_force"} for effect in self.effects)
         return 3 if limits or self.clamp != "none" else 1
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf
 from typing import NamedTuple
 
@@ -47,6 +47,8 @@ def force_of(model: CandidateModel, motion: RecordedMotion, zeta: Vector, theta:
             sensed += value * row
         else:
             total += value * row
+    for effect, eta in _acting(course, "slackens"):
+        total = run_step(effect, total, nothing, nothing, nothing, 1.0, eta)
     for effect, eta in _acting(course, "filters_force"):
         total = run_step(effect, total, total, total, moved.t, moved.dt, eta)
     total += sensed
@@ -74,8 +76,8 @@ def _body_force(course: Course, theta: Vector) -> Vector:
 def columns(course: Course, guess: Vector | None) -> Columns:
     """Return offset and columns of the prediction on a course.
 
-    `guess` are linear parameters near the solution: a clamped base, a compliance and a saturation
-    are linearised there (without it they are left out).
+    `guess` are linear parameters near the solution: a clamped base, a compliance, a play at no
+    force and a saturation are linearised there (without it they are left out).
     """
     moved, number = course.moved, len(course.base)
     found = Columns(np.zeros_like(moved.x), list(course.base))
@@ -85,8 +87,12 @@ def columns(course: Course, guess: Vector | None) -> Columns:
         found = found._replace(columns=base)
         for joint in _joints(course):
             found = _linear_in_series(course, found, joint, guess)
-    offset, rows = found.offset, [*found.columns, *added]
     behind = [False] * number + course.behind
+    found = Columns(found.offset, [*found.columns, *added])
+    if guess is not None:
+        for effect, eta in _acting(course, "slackens"):
+            found = _linear_in_slack(found, behind, effect, eta, guess)
+    offset, rows = found
     for effect, eta in _acting(course, "filters_force"):
         offset, *rows = [
             row if late else run_step(effect, row, row, row, moved.t, moved.dt, eta)
@@ -106,7 +112,7 @@ def settled(course: Course, guess: Vector, theta: Vector) -> bool:
     """
     if np.all(np.abs(theta - guess) <= _SETTLED * np.abs(guess)):
         return True
-    if any(effect.acts in {"deflects", "limits_force"} for effect in course.model.effects):
+    if any(e.acts in {"deflects", "slackens", "limits_force"} for e in course.model.effects):
         return False
     return bool(np.array_equal(_pulls(course, guess), _pulls(course, theta)))
 
@@ -201,6 +207,16 @@ def _linear_in_series(course: Course, base: Columns, joint: Joint, guess: Vector
         rows[names.index("b")] = by_b
         offset = offset - material.b * by_b
     return Columns(offset, rows)
+
+
+def _linear_in_slack(
+    found: Columns, behind: Sequence[bool], effect: Effect, eta: Vector, guess: Vector
+) -> Columns:
+    """Pass what lies before the sensor through a play, linearised at the guess."""
+    tip = [np.zeros_like(r) if late else r for r, late in zip(found.columns, behind, strict=True)]
+    bent = _linear_in_limit(found._replace(columns=tip), effect, eta, guess)
+    rows = zip(found.columns, bent.columns, behind, strict=True)
+    return bent._replace(columns=[row if late else taut for row, taut, late in rows])
 
 
 def _linear_in_limit(found: Columns, effect: Effect, eta: Vector, guess: Vector) -> Columns:
