@@ -114,7 +114,7 @@ def _slack_about_rest(
 def _slack_at_no_force(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    """Return the force x of a tip without play, less what the play's half would press."""
+    """Return the force x of a tip without play, less the one that half of it would press."""
     return float(x - min(max(x, -eta[0]), eta[0]))
 
 

@@ -34,12 +34,13 @@ SPECIAL_CASE_OF = {
     "stribeck_friction": "coulomb_friction",
     "direction_dependent_damping": "viscous_friction",
     "second_layer": "contact_offset",
-    "moving_surface": "contact_offset",
     "gravity_torque": "force_bias",
     "force_drift": "force_bias",
     "return_spring": "force_bias",
 }
 """Each key contains its value as a special case, and so fits at least as well."""
+_SPECIAL_CASE_AT_BOUND = {**SPECIAL_CASE_OF, "moving_surface": "contact_offset"}
+"""The same of a law with a shape at a bound: a surface that settles at once lies elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +147,15 @@ def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Rank
 def simpler_names(
     names: frozenset[str], replaced: frozenset[str] | None = None
 ) -> list[frozenset[str]]:
-    """Return the sets in which one effect, or one of the `replaced`, is its own special case."""
-    tried = names if replaced is None else names & replaced
-    return [names - {n} | {SPECIAL_CASE_OF[n]} for n in tried if n in SPECIAL_CASE_OF]
+    """Return the sets in which one effect is its own special case.
+
+    Those `replaced`, if given, are effects of which a shape lies at a bound.
+    """
+    if replaced is None:
+        tried, special = names, SPECIAL_CASE_OF
+    else:
+        tried, special = names & replaced, _SPECIAL_CASE_AT_BOUND
+    return [names - {n} | {special[n]} for n in tried if n in special]
 
 
 def _part_of(ranked: Ranked, larger: Ranked) -> bool:

@@ -212,7 +212,7 @@ def _linear_in_series(course: Course, base: Columns, joint: Joint, guess: Vector
 def _linear_in_slack(
     found: Columns, behind: Sequence[bool], effect: Effect, eta: Vector, guess: Vector
 ) -> Columns:
-    """Pass what lies before the sensor through a play, linearised at the guess."""
+    """Pass the force at the tip, before the sensor, through a play; linearised at the guess."""
     tip = [np.zeros_like(r) if late else r for r, late in zip(found.columns, behind, strict=True)]
     bent = _linear_in_limit(found._replace(columns=tip), effect, eta, guess)
     rows = zip(found.columns, bent.columns, behind, strict=True)
