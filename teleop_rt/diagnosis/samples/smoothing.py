@@ -30,7 +30,8 @@ _FELT_REACH = 2  # samples between motion and force, of damping, sensors and dri
 _LARGE_FORCE = 0.2  # of the force's 99.9 % quantile
 _FEWEST_FELT = 100  # samples
 _FELT_SHARE = 0.9  # of power; 0.96 to 1 behind links, 0 to 0.03 in measured data, an AFM's 0.6
-_STEPS_POWER_RATIO = 0.1  # of the power recovered before; steps 0.35 to 0.7, tones to 200 Hz 0.02
+_STEPS_POWER_RATIO = 0.02  # of the power recovered before; steps 0.05 to 0.6, tones to 150 Hz 0.001
+_NORMAL_KURTOSIS = 3.0  # of noise [1]; steps 3.8 to 5.5, tones 1.5 to 2.3
 _DOUBT = 2.0  # times the noise, below which a spectrum does not show the motion
 
 
@@ -199,21 +200,29 @@ def moves_in_steps(position: Vector, force: Vector, dt: float) -> bool:
 
     A link that jitters or loses packets causes such steps. They are detected if even the narrowest
     window is too wide, and the narrowest usual one loses more than `NOISY_SPEED` of the velocity.
-    Steps have no highest frequency: each narrower window recovers more of them, which it does not
-    of a quick motion that a wider one follows already.
+    Steps have no highest frequency, so each narrower window recovers more of them, and they jump;
+    of a quick motion that a wider window follows already the narrowest recovers nothing, and
+    tones reach their largest values more often than noise does.
     """
     narrow, usual = narrowest(dt), max(3, round(HALF_WINDOWS_S[-1] / dt))
     if narrow < usual and half_window(position, dt) <= narrow:
         inner = slice(2 * usual, -2 * usual)  # at the ends a window looks to one side only
-        lost = float(np.std(_recovered(position, dt, usual, narrow)[inner]))
+        found = _recovered(position, dt, usual, narrow)[inner]
         speed = float(np.std(differentiate(position, dt, usual)[1][inner]))
-        between = max(3, round(_NARROWER_S[1] / dt))
-        return lost > NOISY_SPEED * speed and (
-            between == narrow
-            or _power_recovered(position, dt, between, narrow)
-            > _STEPS_POWER_RATIO * _power_recovered(position, dt, usual, between)
-        )
+        lost = float(np.mean(found**2))
+        jumps = float(np.mean(found**4)) > _NORMAL_KURTOSIS * lost**2
+        return lost > (NOISY_SPEED * speed) ** 2 and jumps and _recovers_more(position, dt, usual)
     return _noise_is_motion(position, force, dt)
+
+
+def _recovers_more(position: Vector, dt: float, usual: int) -> bool:
+    """Return whether the narrowest window recovers more than the one before it."""
+    narrow, between = narrowest(dt), max(3, round(_NARROWER_S[1] / dt))
+    if between == narrow:
+        return True
+    before, more = ((usual, between), (between, narrow))
+    least = _STEPS_POWER_RATIO * _power_recovered(position, dt, *before)
+    return _power_recovered(position, dt, *more) > least
 
 
 def _power_recovered(position: Vector, dt: float, half: int, near: int) -> float:
