@@ -173,3 +173,25 @@ def test_a_play_before_a_dry_guide_opens_at_no_force() -> None:
     assert found["friction_force"] == pytest.approx(dry, rel=0.03)
     assert found["slack_force"] == pytest.approx(stiffness * half_gap, rel=0.05)
     assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(stiffness, rel=0.01)
+
+
+@pytest.mark.parametrize("sharpness", [0.75, 1.0, 2.0])
+def test_a_mount_after_bouc_and_wen_is_a_held_body_with_hysteresis(sharpness: float) -> None:
+    """The sliders of Iwan turn over otherwise, and dry friction was the first of a class."""
+    rng, dt = np.random.default_rng(25), 0.002
+    t = dt * np.arange(7000)
+    turns = np.outer(2.0 * np.pi * np.array([0.31, 0.83, 1.9]), t) + rng.uniform(0, 6, 3)[:, None]
+    x = np.array([2.1e-3, 1e-3, 4e-4]) @ np.sin(turns)
+    z, held = 0.0, np.zeros(t.size)
+    for i in range(1, t.size):
+        way = (x[i] - x[i - 1]) / 20
+        for _ in range(20):
+            z += way / 7e-4 * (1.0 - abs(z) ** sharpness * (0.5 + 0.5 * np.sign(way * z)))
+        held[i] = z
+    force = 6500.0 * (x + 3e-4) + 12.0 * np.gradient(x, dt) + 2.4 * held
+    answer = diagnose(_recorded(t, x, force, 0.15)).answer
+    assert answer["class"] == [["hysteresis"]]
+    found = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
+    assert found["yield_force"] == pytest.approx(2.4, rel=0.01)
+    assert found["yield_travel"] == pytest.approx(7e-4, rel=0.01)
+    assert found["sharpness"] == pytest.approx(sharpness, rel=0.05)

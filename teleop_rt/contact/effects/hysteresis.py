@@ -28,21 +28,28 @@ _SLIDERS = 6  # elements of an Iwan model, with yield travels in geometric steps
 
 
 @kernel
-def _bouc_wen(
+def _bouc_wen_everywhere(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     """Advance z' = v/d (1 - |z|^n (1 + sgn(v z))/2), Bouc-Wen with beta = gamma = 1/2."""
-    if touches(x):
-        steps = 1 + int(min(abs(v) * dt / (0.2 * eta[0]), 20.0))
-        h = v * dt / (eta[0] * steps)
-        for _ in range(steps):
-            z = state[0]
-            if h * z > 0.0:
-                z += h * (1.0 - abs(z) ** eta[1])
-            else:
-                z += h
-            state[0] = min(max(z, -1.0), 1.0)
+    steps = 1 + int(min(abs(v) * dt / (0.2 * eta[0]), 20.0))
+    h = v * dt / (eta[0] * steps)
+    for _ in range(steps):
+        z = state[0]
+        if h * z > 0.0:
+            z += h * (1.0 - abs(z) ** eta[1])
+        else:
+            z += h
+        state[0] = min(max(z, -1.0), 1.0)
     return float(state[0])
+
+
+@kernel
+def _bouc_wen(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance the same in contact; beside it the body keeps its stretch."""
+    return _bouc_wen_everywhere(state, x, v, a, t, dt, eta) if touches(x) else float(state[0])
 
 
 @kernel
@@ -219,6 +226,17 @@ EFFECTS = (
         _ON_BOTH_SIDES,
         law=f"{WITHOUT_CONTACT}, sliders alike",  # of more than half the travel one may be a spring
         shapes=(replace(_YIELD, upper=0.45), replace(_SPREAD, upper=_ALIKE, start=1.1, points=1)),
+    ),
+    _memory(
+        name="hysteresis",
+        law=f"{WITHOUT_CONTACT}, Bouc and Wen",
+        amplitude=Amplitude("yield_force", "{f}", nonnegative=True),
+        shapes=(replace(_YIELD, lower=0.02, points=5), replace(_SHARPNESS, ideal="")),
+        step=_bouc_wen_everywhere,
+        sentence="A hysteretic force of {yield_force} turns over within {yield_travel}.",
+        state_size=1,
+        only_in_contact=False,
+        derivative_order=1,
     ),
     _memory(
         name="hysteresis",
