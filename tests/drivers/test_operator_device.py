@@ -195,7 +195,11 @@ def test_no_more_than_the_rigs_force_is_asked_of_a_serial_drive():
 
 
 def test_the_serial_device_speaks_over_pseudo_terminals(tmp_path):
-    """Real bytes through a terminal of the operating system, as through /dev/ttyUSB0."""
+    """Real bytes through a terminal of the operating system, as through /dev/ttyUSB0.
+
+    The kernels are compiled before: the drive's watch would end while the first tick compiles them.
+    """
+    HandleBench(SERIAL).update(7.0, 20)
     ports = f"operator.rig.axis.folder={tmp_path}/ports"
     config = load_trial_file(SERIAL, [ports]).operator
     now_ns = time.monotonic_ns
