@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cases import cases
-from rivals import Effects, rivals
 
-from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.foreign_laws import H, elasto_plastic
@@ -15,9 +13,9 @@ from teleop_rt_dev.diagnosis.foreign_plants import Foreign, foreign, recorded
 from teleop_rt_dev.diagnosis.foreign_rigs import rig
 
 
-def answer(record: Foreign, effects: Effects = LIBRARY) -> dict[str, object]:
+def answer(record: Foreign) -> dict[str, object]:
     recording = from_arrays("f", record.t, record.position, record.force, units=record.units)
-    return diagnose(recording, record.base, surface=0.0, effects=effects).answer
+    return diagnose(recording, record.base, surface=0.0).answer
 
 
 @pytest.mark.parametrize("seed", [1005, 1046])
@@ -49,14 +47,9 @@ def test_an_effect_of_another_form_is_named_and_predicted_to_the_noise(
     assert found["error"]["after_over_floor"] < 1.1
 
 
-@pytest.mark.parametrize(
-    "effects",
-    rivals("force_bias", "force_drift", "gravity_torque", "return_spring", "contact_offset",
-           "moving_surface", "series_compliance"),
-)  # fmt: skip
-def test_a_bias_far_above_slow_noise_is_named(effects: Effects) -> None:
+def test_a_bias_far_above_slow_noise_is_named() -> None:
     """The remainder of filters at each touch had drowned it."""
-    assert answer(foreign(65156946, ("force_bias",)), effects)["class"] == [["force_bias"]]
+    assert answer(foreign(65156946, ("force_bias",)))["class"] == [["force_bias"]]
 
 
 @pytest.mark.parametrize(
