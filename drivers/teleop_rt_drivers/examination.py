@@ -15,6 +15,7 @@ from teleop_rt.config.rig import RigConfig
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.config.yaml_file import ConfigError, ConfigProblem, read_yaml
 from teleop_rt.errors import BAD_INPUT, FAULT
+from teleop_rt.realtime.rig_locks import devices_held
 from teleop_rt.terminal import ElapsedLine, red
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import UNIX, open_bus
@@ -42,7 +43,7 @@ from teleop_rt_drivers.opening import open_axis_on
 from teleop_rt_drivers.pace import paced
 from teleop_rt_drivers.quantity import FROM_DRIVE
 from teleop_rt_drivers.recording import RecordingAxisConfig
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, CanBusPart, parts_of
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, CanBusPart, parts_of, reached_by
 from teleop_rt_drivers.stall_check import check_hardware_stalls
 from teleop_rt_drivers.trial_check import check_meaning
 
@@ -70,15 +71,14 @@ def check_config(config: Path, overrides: list[str] | None, *, as_json: bool) ->
 
 
 def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: bool) -> None:
-    """Print the measured behaviour of this machine, the rig's buses and the link."""
+    """Print the measured behaviour of this machine, the rig's buses and the link.
+
+    Raises BusyError, before anything is measured or sent, while another process holds the rig:
+    a second master on its buses would stop a moving axis.
+    """
     rig, trial = _load(config, overrides)
-    with ElapsedLine("measuring how late a bare loop wakes") as line:
-        findings = check_placeholders(rig) + examine_machine(rig, between=line.tick)
-    with ElapsedLine("asking who answers on the buses") as line:
-        findings += survey_buses(rig, open_bus, time.monotonic_ns)
-        line.tick()
-        findings += survey_lines(rig, SerialStream, time.monotonic_ns)
-    findings += _examine_rig(rig, cycles)
+    with devices_held(reached_by(rig)):
+        findings = _measured(rig, cycles)
     if trial is not None:
         with paced("measuring the link", rig.period_ns) as pace:
             findings += examine_link(trial, pace.wait)
@@ -90,6 +90,17 @@ def examine(config: Path, overrides: list[str] | None, cycles: int, *, as_json: 
     _print(findings, as_json=as_json)
     if worst(findings) == "error":
         raise typer.Exit(FAULT)
+
+
+def _measured(rig: RigConfig, cycles: int) -> list[Finding]:
+    """Return the findings on this machine, and on the rig's buses and devices."""
+    with ElapsedLine("measuring how late a bare loop wakes") as line:
+        findings = check_placeholders(rig) + examine_machine(rig, between=line.tick)
+    with ElapsedLine("asking who answers on the buses") as line:
+        findings += survey_buses(rig, open_bus, time.monotonic_ns)
+        line.tick()
+        findings += survey_lines(rig, SerialStream, time.monotonic_ns)
+    return findings + _examine_rig(rig, cycles)
 
 
 def between_processes(rig: RigConfig) -> bool:

@@ -10,6 +10,7 @@ import yaml
 
 from teleop_rt.config.loader import load_rig
 from teleop_rt.outputs import refuse_existing
+from teleop_rt.realtime.rig_locks import devices_held
 from teleop_rt.shipped import EXAMPLES
 from teleop_rt_drivers.bus import BusConfig, open_bus
 from teleop_rt_drivers.calibration.rig_file import with_values
@@ -103,17 +104,23 @@ def _one(found: Sequence[Found], chosen: int | None) -> Found:
 
 
 def scan(text: str, now_ns: Callable[[], int], drive: str) -> list[Found]:
-    """Return the devices that answer on the bus or line of the drive. Raises AxisError."""
+    """Return the devices that answer on the bus or line of the drive.
+
+    Raises AxisError, and BusyError while another process holds the bus or line.
+    """
     _, part = device_part(text, drive)
     if drive in ON_LINES:
         device = part["device"]
         path = device if device.startswith("/") else f"{part['folder']}/{device}"
-        return servos.SCANS[drive](partial(SerialStream, path))
-    bus = open_bus(BusConfig.model_validate(part["bus"]))
-    try:
-        return on_bus(bus, now_ns, drive)
-    finally:
-        bus.shutdown()
+        with devices_held([path]):
+            return servos.SCANS[drive](partial(SerialStream, path))
+    config = BusConfig.model_validate(part["bus"])
+    with devices_held([str(config)]):
+        bus = open_bus(config)
+        try:
+            return on_bus(bus, now_ns, drive)
+        finally:
+            bus.shutdown()
 
 
 def on_bus(bus: can.BusABC, now_ns: Callable[[], int], drive: str) -> list[Found]:

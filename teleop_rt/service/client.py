@@ -8,8 +8,9 @@ from typing import Any
 
 from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.leftovers import alive
+from teleop_rt.realtime.rig_locks import name_of
 from teleop_rt.service.local_socket import connect
-from teleop_rt.service.place import DaemonFiles, name_of, places
+from teleop_rt.service.place import DaemonFiles, places
 
 PATIENCE_S = 10.0
 """Time for which a running daemon is asked again: between two configs it takes no commands."""

@@ -3,46 +3,39 @@
 Below the run folder a rig called "Bench rig" has `bench-rig.socket` (commands) and
 `bench-rig.rings`, a link to its ring folder in shared memory: `places()` finds
 them, `RingReader(place.ring_folder / "slave.ring")` reads along, and the `.topic` files beside the
-rings name their columns. The locks lie where every user's daemon sees them.
+rings name their columns.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import hashlib
 import itertools
 import os
-import re
 import shutil
-import stat
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from teleop_rt.errors import ExpectedError
 from teleop_rt.realtime.leftovers import owner
+from teleop_rt.realtime.rig_locks import (
+    CHOSEN,
+    BusyError,
+    close,
+    locked,
+    locks_of,
+    made_by_another,
+    made_run_folder,
+    name_of,
+    own_folder,
+)
 
-CHOSEN = "TELEOP_RT_RUN_DIR"
 _SERVICE = Path("/run/teleop-rt")
-_LOCKS = Path("/run/lock")
-_LONGEST_NAME = 60
-"""Characters of a rig's name in the path of a socket, which may have 108."""
 _RING_FOLDERS = "teleop-rt-"
 _LINK = ".rings"
 """Ending of the link from a rig's place to its ring folder."""
 _NO_COMMANDS = "takes-no-commands"
-
-
-class BusyError(ExpectedError):
-    """The rig is in use: the message gives its owner and the next step."""
-
-
-class PlaceError(ExpectedError):
-    """The folder of sockets and locks cannot be used; the message gives cause and next step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,39 +72,6 @@ class DaemonFiles:
             return None
 
 
-def name_of(rig_name: str) -> str:
-    """Return a rig's name as part of a file name."""
-    return re.sub(r"[^a-z0-9]+", "-", rig_name.lower()).strip("-")[:_LONGEST_NAME] or "rig"
-
-
-def run_folder(environment: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder in which a daemon of this user puts its files.
-
-    That is TELEOP_RT_RUN_DIR, else systemd's folder for a service (RUNTIME_DIRECTORY), else the
-    user's own (XDG_RUNTIME_DIR), else one in the folder for temporary files.
-    """
-    for variable in (CHOSEN, "RUNTIME_DIRECTORY"):
-        if environment.get(variable):
-            return Path(environment[variable])
-    return _own_folder(environment)
-
-
-def _own_folder(environment: Mapping[str, str]) -> Path:
-    if environment.get("XDG_RUNTIME_DIR"):
-        return Path(environment["XDG_RUNTIME_DIR"]) / "teleop-rt"
-    return Path(tempfile.gettempdir()) / f"teleop-rt-{os.getuid()}"
-
-
-def _anothers(folder: Path) -> bool:
-    """Return whether somebody else made this folder, or anybody may change its files."""
-    try:
-        found = folder.lstat()
-    except OSError:
-        return False
-    ours = stat.S_ISDIR(found.st_mode) and found.st_uid in {0, os.getuid()}
-    return not ours or bool(found.st_mode & stat.S_IWOTH)
-
-
 def places(environment: Mapping[str, str] = os.environ) -> list[DaemonFiles]:
     """Return the places of all daemons that can be found from here, running or left behind.
 
@@ -120,8 +80,8 @@ def places(environment: Mapping[str, str] = os.environ) -> list[DaemonFiles]:
     if environment.get(CHOSEN):
         folders = [Path(environment[CHOSEN])]
     else:
-        own = _own_folder(environment)
-        folders = [_SERVICE] if _anothers(own) else [_SERVICE, own]
+        own = own_folder(environment)
+        folders = [_SERVICE] if made_by_another(own) else [_SERVICE, own]
     return [
         DaemonFiles(folder, link.name.removesuffix(_LINK))
         for folder in folders
@@ -158,24 +118,19 @@ class Claim:
         Raises BusyError while another process holds one of its buses and ports, PlaceError where
         the folder for it cannot be written; the rig held so far then stays held.
         """
-        folder = _writable(run_folder())
-        if folder == _own_folder(os.environ) and _anothers(folder):
-            raise PlaceError(
-                f"{folder}: another user made this folder, or may change its files, and could "
-                f"take commands in the daemon's place: remove it, or name another one in {CHOSEN}"
-            )
+        folder = made_run_folder()
         taken: dict[Path, int] = {}
         try:
-            for device in reached_by:
-                self._lock(_lock_folder(folder) / f"teleop-rt-{_unique(device)}.lock", taken)
+            for path in locks_of(folder, reached_by):
+                self._lock(path, taken)
             place = self._named(folder, name_of(rig_name), taken)
         except BaseException:
-            _close(taken, but=self._locks)
+            close(taken, but=self._locks)
             raise
         if self._place != place:
             self._withdraw()
             place.socket.unlink(missing_ok=True)
-        _close(self._locks, but=taken)
+        close(self._locks, but=taken)
         self._locks, self._place = taken, place
         _point(place, ring_folder)
         ring_folder.chmod(0o750)
@@ -184,7 +139,7 @@ class Claim:
     def release(self) -> None:
         """Let the rig go."""
         self._withdraw()
-        _close(self._locks, but={})
+        close(self._locks, but={})
         self._locks = {}
 
     def _withdraw(self) -> None:
@@ -204,7 +159,7 @@ class Claim:
 
     def _lock(self, path: Path, taken: dict[Path, int]) -> None:
         if path not in taken:
-            taken[path] = self._locks[path] if path in self._locks else _locked(path)
+            taken[path] = self._locks[path] if path in self._locks else locked(path)
 
 
 @contextmanager
@@ -212,82 +167,6 @@ def claimed(rig_name: str, reached_by: Sequence[str], ring_folder: Path) -> Iter
     """Hold a rig for this process, with one config. Raises as `Claim.take`."""
     with Claim() as claim:
         yield claim.take(rig_name, reached_by, ring_folder)
-
-
-def _writable(folder: Path) -> Path:
-    try:
-        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
-        (folder / ".writable").touch()
-    except OSError as error:
-        raise PlaceError(
-            f"{folder}: the daemon's socket and locks cannot be made there: {error.strerror}; "
-            f"name another folder in {CHOSEN}, or make this one writable"
-        ) from None
-    return folder
-
-
-def _unique(device: str) -> str:
-    digest = hashlib.sha256(device.encode()).hexdigest()[:8]
-    return f"{name_of(device)}-{digest}"
-
-
-def _locked(path: Path) -> int:
-    """Return a descriptor that holds this lock. Raises BusyError."""
-    descriptor = _open(path)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        holder = os.pread(descriptor, 100, 0).decode(errors="replace").strip() or "another"
-        os.close(descriptor)
-        raise BusyError(
-            f"this rig is in use by process {holder}, which holds {path}: end it first "
-            "(`teleop-rt status` shows it)"
-        ) from None
-    with contextlib.suppress(OSError):  # a file that another user's daemon left is only read
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
-    return descriptor
-
-
-def _close(locks: Mapping[Path, int], but: Mapping[Path, int]) -> None:
-    for path, descriptor in locks.items():
-        if path not in but:
-            os.close(descriptor)
-
-
-def _lock_folder(run: Path) -> Path:
-    everybodys = CHOSEN not in os.environ and os.access(_LOCKS, os.W_OK)
-    return _LOCKS if everybodys else run
-
-
-def _open(path: Path) -> int:
-    """Open a lock file, also one of another user's, which a lock need only read.
-
-    Its folder may be everybody's: a link could lead to a file of ours, and a pipe be waited for.
-    Raises PlaceError.
-    """
-    flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
-    try:
-        if os.path.lexists(path) and not os.access(path, os.W_OK):
-            descriptor = os.open(path, os.O_RDONLY | flags)
-        else:
-            descriptor = _made(path, os.O_RDWR | flags)
-    except OSError as error:
-        raise PlaceError(f"{path}: cannot lock this rig: {error.strerror}; remove it") from None
-    found = os.fstat(descriptor)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
-        os.close(descriptor)
-        raise PlaceError(
-            f"{path}: cannot lock this rig: it is not a regular file with one name; remove it"
-        )
-    return descriptor
-
-
-def _made(path: Path, flags: int) -> int:
-    """Open a file, which is made where there is none: in two steps, for everybody's folder."""
-    with contextlib.suppress(FileExistsError):
-        return os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o644)
-    return os.open(path, flags)
 
 
 def _point(place: DaemonFiles, ring_folder: Path) -> None:

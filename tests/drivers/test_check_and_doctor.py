@@ -15,6 +15,7 @@ from teleop_rt.cli import main
 from teleop_rt.config.link import LinkConfig
 from teleop_rt.config.loader import load_rig, load_trial
 from teleop_rt.config.yaml_file import ConfigError
+from teleop_rt.realtime.rig_locks import devices_held
 from teleop_rt_drivers import link_check, registry
 from teleop_rt_drivers.check import check_link, check_rig
 from teleop_rt_drivers.doctor import examine_axis, frame_names
@@ -368,3 +369,38 @@ def test_a_rig_on_a_bus_between_processes_is_a_simulated_one(tmp_path):
     assert not between_processes(
         edited("odrive", tmp_path, ("interface: unix", "interface: socketcan"))
     )
+
+
+def bus_work(tmp_path):
+    """Each command that uses the buses of a rig by itself, on files of its own."""
+    rig = tmp_path / "rig.yaml"
+    rig.write_text((RIGS / "simulated_canopen.yaml").read_text())
+    for eds in RIGS.glob("*.eds"):
+        (tmp_path / eds.name).write_bytes(eds.read_bytes())
+    handle = tmp_path / "handle.yaml"
+    handle.write_text((RIGS / "simulated_handle.yaml").read_text())
+    odrive = tmp_path / "odrive.yaml"
+    odrive.write_text(rig_text("odrive", "socketcan", "drive", None))
+    drive = ["--drive", "odrive", "--adapter", "socketcan", "--sensor", "drive"]
+    return {
+        "doctor": (rig, ["doctor", rig]),
+        "scan": (odrive, ["new-rig", tmp_path / "new.yaml", *drive, "--scan"]),
+        "force": (rig, ["calibrate", "force", rig, "--weights", "0,1"]),
+        "device": (handle, ["calibrate", "device", handle, "--force", "1", "--reach", "0.002"]),
+    }
+
+
+@pytest.mark.parametrize("work", ["doctor", "scan", "force", "device"])
+def test_work_on_the_devices_of_a_rig_that_runs_is_refused_before_a_frame_is_sent(
+    tmp_path, monkeypatch, capsys, work
+):
+    """A second master on the buses of a running axis would stop it."""
+    monkeypatch.setenv("TELEOP_RT_RUN_DIR", str(tmp_path / "run"))
+    monkeypatch.setattr("can.BusABC.__init__", lambda *_, **__: pytest.fail("a bus was opened"))
+    file, words = bus_work(tmp_path)[work]
+    held = devices_held(registry.reached_by(load_rig(file, registry.AXIS_SCHEMAS)))
+    monkeypatch.setattr(sys, "argv", ["teleop-rt", *map(str, words)])
+    with held, pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "in use by process" in capsys.readouterr().err

@@ -4,22 +4,16 @@ import sys
 
 import pytest
 
+from teleop_rt.realtime import rig_locks
 from teleop_rt.realtime.histogram import TimingHistograms
+from teleop_rt.realtime.rig_locks import BusyError, PlaceError, name_of, run_folder
 from teleop_rt.realtime.ring_folder import describe, new_ring_folder, publish
 from teleop_rt.service import place
 from teleop_rt.service.client import DaemonError, find
 from teleop_rt.service.commands import show
 from teleop_rt.service.local_socket import bind
 from teleop_rt.service.mailbox import CommandBox
-from teleop_rt.service.place import (
-    BusyError,
-    Claim,
-    PlaceError,
-    claimed,
-    name_of,
-    places,
-    run_folder,
-)
+from teleop_rt.service.place import Claim, claimed, places
 
 pytestmark = pytest.mark.usefixtures("run_dir")
 
@@ -176,8 +170,8 @@ def test_a_folder_that_another_user_made_under_our_name_gets_no_daemon_and_no_co
     """In /tmp anybody can make it first, and list daemons that do not exist."""
     for name in ("TELEOP_RT_RUN_DIR", "RUNTIME_DIRECTORY", "XDG_RUNTIME_DIR"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(place.tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(place, "_LOCKS", tmp_path)
+    monkeypatch.setattr(rig_locks.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(rig_locks, "_LOCKS", tmp_path)
     monkeypatch.setattr(place, "_SERVICE", tmp_path / "service")
     folder = tmp_path / f"teleop-rt-{os.getuid()}"
     with claimed("Bench rig", ["can0"], ring_folder):

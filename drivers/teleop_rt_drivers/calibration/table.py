@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +13,12 @@ from teleop_rt.config.loader import load_trial
 from teleop_rt.config.operator import DeviceOperator
 from teleop_rt.config.rig import RigConfig
 from teleop_rt.config.trial import TrialConfig
+from teleop_rt.realtime.rig_locks import devices_held
 from teleop_rt_drivers.calibration.weights import CalibrationError
 from teleop_rt_drivers.opening import open_axis, open_lock_step
 from teleop_rt_drivers.operator_device import open_device_of, simulated_device
 from teleop_rt_drivers.pace import Pace, SimulatedPace, paced
-from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS
+from teleop_rt_drivers.registry import AXIS_SCHEMAS, PLANT_SCHEMAS, reached_by
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
 
 NOBODY = "operator.hand.let_go_s=0.001"
@@ -47,6 +48,14 @@ def simulated_clock(pace: SimulatedPace) -> MeasuringClock:
         yield pace
 
     return MeasuringClock(pace.now_ns, same)
+
+
+def reserved(rig: RigConfig, trial: Path | None) -> AbstractContextManager[None]:
+    """Hold the buses and ports of a rig; nothing where a trial's simulation takes its place.
+
+    Raises BusyError while another process holds one of them.
+    """
+    return nullcontext() if trial is not None else devices_held(reached_by(rig))
 
 
 def with_weights(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from teleop_rt_drivers.calibration.force import any_force, force_keys, read_forc
 from teleop_rt_drivers.calibration.lag import find_lag
 from teleop_rt_drivers.calibration.rig_file import KeyPath, as_written, rewrite
 from teleop_rt_drivers.calibration.shown import OF_DEVICE, lines
-from teleop_rt_drivers.calibration.table import Ask, free_device, with_weights
+from teleop_rt_drivers.calibration.table import Ask, free_device, reserved, with_weights
 from teleop_rt_drivers.calibration.torque_lag import find_torque_lag
 from teleop_rt_drivers.calibration.weights import CalibrationError, fit_weights
 from teleop_rt_drivers.operator_device import device_transport
@@ -53,17 +54,16 @@ def calibrate_force(
         )
     raw = scale_in_file(rig).raw  # before a weight is asked for
     per_kg = STANDARD_GRAVITY * (lever_m or 1.0) * (-1.0 if pull else 1.0)
-    axis, clock, hang = with_weights(file, any_force(rig) if raw else rig, simulated, ask)
     readings = []
-    try:
-        axis.configure()
-        for mass in masses:
-            force = per_kg * mass
-            hang(mass, force)
-            with clock.paced(f"reading {mass:g} kg", rig.period_ns) as pace:
-                readings.append(read_force(axis, pace.wait, clock.now_ns, force, seconds))
-    finally:
-        axis.close()
+    with reserved(rig, simulated):
+        axis, clock, hang = with_weights(file, any_force(rig) if raw else rig, simulated, ask)
+        with closing(axis):
+            axis.configure()
+            for mass in masses:
+                force = per_kg * mass
+                hang(mass, force)
+                with clock.paced(f"reading {mass:g} kg", rig.period_ns) as pace:
+                    readings.append(read_force(axis, pace.wait, clock.now_ns, force, seconds))
     fit = fit_weights(readings, raw=raw)
     results = {**asdict(fit), "linearity": fit.linearity, "unit": rig.units.force}
     shown = lines(results, rig.units)
@@ -162,14 +162,13 @@ def calibrate_device(
         f"the device will swing by about {reach:g} {rig.units.position}, pushed with {force:g} "
         f"{rig.units.force} for {seconds:g} s: put it in the middle, let go, press Enter"
     )
-    device, clock, let_go = free_device(file, rig, simulated, ask, words)
-    try:
-        device.configure()
-        let_go()
-        with clock.paced("swinging the device", rig.period_ns) as pace:
-            motion = swing(device, pace.wait, clock.now_ns, force, reach, seconds)
-    finally:
-        device.close()
+    with reserved(rig, simulated):
+        device, clock, let_go = free_device(file, rig, simulated, ask, words)
+        with closing(device):
+            device.configure()
+            let_go()
+            with clock.paced("swinging the device", rig.period_ns) as pace:
+                motion = swing(device, pace.wait, clock.now_ns, force, reach, seconds)
     fit = fit_device(motion)
     keys = device_keys(rig, transport, fit)
     shown = [*lines(asdict(fit), rig.units), OF_DEVICE]
