@@ -14,6 +14,8 @@ from teleop_rt.realtime.packets import Packets
 from teleop_rt.realtime.system_calls import is_ready, monotonic_ns, receive_packets, send_bytes
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from teleop_rt_drivers.can_frames import Slots
 
 FRAMES_PER_PACKET = 7  # at most, of those that a program sends at once
@@ -24,6 +26,11 @@ UNUSUAL = -1 << 20
 """In place of a number of frames: Python must read the received packet, or check the socket."""
 NOT_LENT = UNUSUAL - 1
 """In place of a number of frames: nothing was received, for the bus has not lent its door."""
+
+
+def poll_words(descriptors: Sequence[int]) -> Whole:
+    """Return the `struct pollfd`s (n,) that wait until one of these descriptors is readable."""
+    return np.array([one | select.POLLIN << DESCRIPTOR_BITS for one in descriptors], np.int64)
 
 
 class CanDoorFields:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.ends import Ends
     from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
-    from teleop_rt_drivers.simulated.rig import Network
+    from teleop_rt_drivers.simulated.rig import AnsweringNetwork, Network
 
 
 def simulated_rig(
@@ -42,7 +42,18 @@ def simulated_rig(
     for number, (name, part) in enumerate(parts_of(rig.axis).items()):
         network = _network(name, part, rig, simulated, now_ns, seed + 1000 * number, ends)
         simulated.networks.append(network)
+    _let_answer(simulated)
     return simulated
+
+
+def _let_answer(simulated: SimulatedRig) -> None:
+    """Let kernels answer for the networks that one knows, on a bus and on lines together."""
+    buses = [one for one in simulated.networks if isinstance(one, CanopenNetwork)]
+    lines = [one for one in simulated.networks if isinstance(one, SerialNetwork)]
+    if buses and lines:
+        buses[0].send_beside(lines[0])
+    answering: list[AnsweringNetwork] = [*buses, *(one for one in lines if one.drive is not None)]
+    simulated.answering = answering[0] if answering else None
 
 
 def _network(
@@ -64,15 +75,15 @@ def _network(
         line = ends.line(name, part.path, part.baud)
         return LineActuatorNetwork(part, plant, line, now_ns, rig.period_ns, seed, latched)
     if isinstance(part, CanopenPart):
-        bus, note = ends.bus(name, part.bus), simulated.note_rows
-        simulated.answering = CanopenNetwork(part, plant, bus, now_ns, seed, latched, note)
-        return simulated.answering
+        bus = ends.bus(name, part.bus)
+        return CanopenNetwork(part, plant, bus, now_ns, seed, latched, simulated.note_rows)
     if isinstance(part, RawCanPart):
         bus = ends.bus(name, part.bus)
         return CanNetwork(part, plant, bus, now_ns, rig.period_ns, seed, latched)
     if isinstance(part, SerialPart):
         lines = lines_of(name, part, ends)
-        return SerialNetwork(part, plant, lines, now_ns, rig.period_ns, seed, latched)
+        note = simulated.note_rows
+        return SerialNetwork(part, plant, lines, now_ns, rig.period_ns, seed, latched, note)
     raise AxisError(
         f"the driver {part.driver!r} has no simulated devices"
         ": run it on its devices, or --set plant=null"
@@ -106,4 +117,5 @@ def hand_on_device(
         )
         return made, plant
     lines = lines_of("", axis, ends)
-    return SerialNetwork(axis, plant, lines, now_ns, rig.period_ns, seed, lambda: None), plant
+    made_on = axis, plant, lines, now_ns, rig.period_ns, seed
+    return SerialNetwork(*made_on, lambda: None, lambda _: None), plant

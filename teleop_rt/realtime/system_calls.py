@@ -57,6 +57,9 @@ _send = _of_c_library("send", "int64", "int32", "int64", "int64", "int32")
 _send_to = _of_c_library("sendto", "int64", "int32", "int64", "int64", "int32", "int64", "int32")
 _poll = _of_c_library("poll", "int32", "int64", "int64", "int32")
 _wait = _of_c_library("ppoll", "int32", "int64", "int64", "int64", "int64")
+_wait_event = _of_c_library("epoll_pwait2", "int32", "int32", "int64", "int32", "int64", "int64")
+EVENT_BYTES = 16
+"""Room for a `struct epoll_event`, at least."""
 _to_number = _of_c_library("strtod", "float64", "int64", "int64")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
@@ -65,6 +68,8 @@ _MONOTONIC = time.CLOCK_MONOTONIC
 _COUNT_WAITING = termios.FIONREAD
 COUNT_BYTES = 4
 """Bytes of the C int that FIONREAD writes."""
+FOUND_BITS = 48
+"""Place of the found events in the word of a `struct pollfd` [bits]."""
 _SECOND_NS = 1_000_000_000  # a second [ns], of which the system counts the rest apart
 _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
@@ -104,6 +109,22 @@ def wait_ready(
     times[0], times[1] = longest_ns // _SECOND_NS, longest_ns % _SECOND_NS
     found: int = _wait(polls, count, place, 0)
     return max(0, found)
+
+
+@kernel
+def wait_event(
+    epoll: int, event: int, times: NDArray[np.int64], place: int, longest_ns: int
+) -> bool:
+    """Wait for an event of an epoll, for which there is room at an address; return whether it came.
+
+    That is false after the longest time, and after a signal. `times` (2,), which lie at `place`,
+    are written. A terminal that is watched for edges (EPOLLET) is not asked whether something
+    waits, for which a `poll` waits until a worker of the kernel has done its part. No other thread
+    of Python runs meanwhile.
+    """
+    times[0], times[1] = longest_ns // _SECOND_NS, longest_ns % _SECOND_NS
+    found: int = _wait_event(epoll, event, 1, place, 0)
+    return found > 0
 
 
 @kernel

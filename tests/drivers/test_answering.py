@@ -202,11 +202,11 @@ def answered_until(side: Side, until_ns: int, *others: int) -> bool:
     return side.network.answer_until(until_ns, [*others, *side.network.descriptors()])
 
 
-def ask(end: UnixBus, cycles: int) -> int:
-    """Ask for so many cycles, each after the answers to the one before; return how many came."""
+def ask(end: UnixBus, cycles: int, frames: int = PROCESS_DATA) -> int:
+    """Ask for so many cycles, each after the frames that answer it; return how many came."""
     for cycle in range(cycles):
         end.send_frame(SYNC, b"")
-        left = PROCESS_DATA
+        left = frames
         while left > 0:
             if not end._ready.poll(10.0):
                 return cycle

@@ -31,7 +31,14 @@ class Lines:
         }
         plant = Plant(plant_config(), START_NS, 1)
         self.network = SerialNetwork(
-            rig.axis, plant, streams, lambda: START_NS, rig.period_ns, 1, lambda: None
+            rig.axis,
+            plant,
+            streams,
+            lambda: START_NS,
+            rig.period_ns,
+            1,
+            lambda: None,
+            lambda _: None,
         )
         self.network.power_on()
         drive = next(name for name in ports if ports[name].command_format is not None)

@@ -14,33 +14,36 @@ from numpy.typing import NDArray
 
 from teleop_rt.kernels.jit import kernel, shared
 from teleop_rt.kernels.record import record_type
-from teleop_rt.realtime.system_calls import monotonic_ns, send_bytes, wait_ready
+from teleop_rt.realtime.system_calls import FOUND_BITS, monotonic_ns, send_bytes, wait_ready
 from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, take_packets
-from teleop_rt_drivers.simulated.motion import FORCE, POSITION, REFERENCE, VELOCITY, follow
+from teleop_rt_drivers.simulated.line_answer import (
+    LONGEST_SILENCE_NS,
+    NOTHING,
+    next_due_ns,
+    send_due,
+)
+from teleop_rt_drivers.simulated.motion import POSITION, REFERENCE, VELOCITY, follow
 from teleop_rt_drivers.simulated.senses import (
-    MODE,
-    NOW,
+    MOST_ROWS,
     REPORTED_NS,
     clamped,
     in_counts,
     is_drawn,
     mean_servo_force,
     measured_force,
+    note,
     run_to,
+    signed,
 )
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
-    from teleop_rt_drivers.simulated.hidden_motion import Matrix
-    from teleop_rt_drivers.simulated.senses import Hidden, PlantArrays
+    from teleop_rt_drivers.simulated.line_answer import Lines
+    from teleop_rt_drivers.simulated.senses import Hidden, PlantArrays, TrueRows
 
 LONGEST_WAIT_NS = 50_000_000
 """A longer apparent wait of a frame means that the clock was set."""
-LONGEST_SILENCE_NS = 5_000_000
-"""Without a frame for so long Python is asked again, for the plant that runs on, and for a stop."""
-MOST_ROWS = 128
-"""Rows of true motion that are kept: those of 20 ms between two heartbeats, at 4 kHz, and more."""
 INT16, INT32 = 2**15 - 1, 2**31 - 1
 PER_THOUSAND = 1000.0  # of the rated torque, which CiA 402 counts in
 MORE, UNSENT, DRY, STRANGE = 1, 2, 4, 8
@@ -52,7 +55,6 @@ PLACES, SPEEDS, FORCES, TORQUES = range(4)
 # Layout of a waiting frame in bytes, then in words.
 _ID_BYTES, _LENGTH_AT, _DATA_AT, _STAMP_AT, _WORD = 4, 4, 8, 16, 8
 _HEAD, _DATA, _STAMP = range(3)
-_FOUND_AT = 48  # bit where the events begin that were found in a `struct pollfd`
 _TARGET_BITS = 32  # of a target position
 _AGAIN = errno.EAGAIN
 
@@ -65,7 +67,7 @@ class CycleFields:
     `lowest` and `highest`, over `period_s` and no farther than `reach`. `pending` is a command that
     waits for SYNC, with the bytes `last`; `obeyed` are those of the last that did not. `commands`
     and `syncs` count. A heartbeat came at `heard_ns`, 0 once Python has taken it. An answer holds
-    so many `samples` of force, and `noted` rows of true motion have not been taken yet.
+    so many `samples` of force.
     """
 
     descriptor: int
@@ -90,7 +92,6 @@ class CycleFields:
     obeyed: int
     syncs: int
     samples: int
-    noted: int
     reach: float
     period_s: float
     zero: float
@@ -121,8 +122,8 @@ class Answer(NamedTuple):
     """A network's arrays: CYCLE (1,), MEASURED (objects,), and its packet of answers.
 
     `packet` (frames, 3) holds head, bytes and stamp of each frame, `constant` (frames,) those of
-    its bytes that are not measured; `clock` (2,) is where the clock is read to. `rows` (MOST_ROWS,
-    columns of `signals.TRUTH`) is the motion at the last SYNCs.
+    its bytes that are not measured; `clock` (2,) is where the clock is read to. `true` is
+    the motion at the last SYNCs.
     """
 
     cycle: Records
@@ -130,7 +131,7 @@ class Answer(NamedTuple):
     packet: Whole
     constant: Whole
     clock: Whole
-    rows: Matrix
+    true: TrueRows
 
 
 @kernel
@@ -193,7 +194,7 @@ def go_on(answer: Answer, plant: PlantArrays, hidden: Hidden | None, slots: Slot
             run_to(plant, hidden, stamp_ns)
             if can_id == c.sync_id:
                 happened |= sync(answer, plant)
-                note(answer, plant)
+                note(answer.true, plant)
                 break
             c.last = number_at(slots, row, _DATA_AT, c.command_bytes)
             c.pending = 1
@@ -203,9 +204,11 @@ def go_on(answer: Answer, plant: PlantArrays, hidden: Hidden | None, slots: Slot
 @kernel
 def answer_until(
     answer: Answer, plant: PlantArrays, hidden: Hidden | None, door: Doors, lengths: Lengths,
-    slots: Slots, polls: Whole, place: int, until_ns: int,
+    slots: Slots, polls: Whole, lines: Lines | None, place: int, until_ns: int,
 ) -> int:  # fmt: skip
     """Answer cycle after cycle until then; return the events as `take` does, 0 at the end.
+
+    Sensors on `lines`, if there are any, send meanwhile.
 
     Until 0 it is `take`. It returns before its time where another of the `polls`, which lie at
     `place`, is ready than the first, which is the bus's, and where Python has something to do.
@@ -213,31 +216,44 @@ def answer_until(
     c: Any = answer.cycle[0]
     if until_ns == 0:
         return take(answer, plant, hidden, door, lengths, slots)
-    happened = 0
-    while happened == 0 and c.noted < MOST_ROWS:
-        left_ns = until_ns - monotonic_ns(answer.clock, c.clock)
-        if left_ns <= 0:
+    happened, true = 0, answer.true
+    silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
+    while happened == 0 and true.new[0] < MOST_ROWS:
+        now_ns = monotonic_ns(answer.clock, c.clock)
+        end_ns = min(until_ns, silent_ns)
+        if now_ns >= end_ns:
             break
-        longest_ns = min(left_ns, LONGEST_SILENCE_NS)
-        found = wait_ready(place, polls.size, answer.clock, c.clock, longest_ns)
-        if found != 1 or polls[0] >> _FOUND_AT == 0:
+        if lines is not None:
+            end_ns = next_due_ns(lines, end_ns)
+        found = wait_ready(place, polls.size, answer.clock, c.clock, max(0, end_ns - now_ns))
+        if found > 0:
+            if found != 1 or polls[0] >> FOUND_BITS == 0:
+                break
+            happened = take(answer, plant, hidden, door, lengths, slots)
+            if c.frames == 0:  # no frame: somebody comes or goes
+                break
+            while happened == MORE and true.new[0] < MOST_ROWS:
+                happened = go_on(answer, plant, hidden, slots)
+            silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
+        if not is_due(answer, plant, hidden, lines) and found == 0:
             break
-        happened = take(answer, plant, hidden, door, lengths, slots)
-        if c.frames == 0:  # no frame: somebody comes or goes
-            break
-        while happened == MORE and c.noted < MOST_ROWS:
-            happened = go_on(answer, plant, hidden, slots)
     return happened
 
 
 @kernel
-def note(answer: Answer, plant: PlantArrays) -> None:
-    """Note the plant's true motion, by the columns of `signals.TRUTH`."""
+def is_due(
+    answer: Answer, plant: PlantArrays, hidden: Hidden | None, lines: Lines | None
+) -> bool:  # fmt: skip
+    """Send the measurements that are due on lines; return whether there was one."""
     c: Any = answer.cycle[0]
-    row = answer.rows[c.noted]
-    row[0], row[1], row[2] = plant.numbers[NOW], plant.state[POSITION], plant.state[VELOCITY]
-    row[3], row[4], row[5] = plant.state[FORCE], plant.state[REFERENCE], plant.numbers[MODE]
-    c.noted += 1
+    true = answer.true
+    if lines is None or true.new[0] == MOST_ROWS:
+        return False
+    now_ns = monotonic_ns(answer.clock, c.clock)
+    if send_due(lines, plant, hidden, now_ns) == NOTHING:
+        return False
+    note(true, plant)
+    return True
 
 
 @kernel
@@ -289,13 +305,6 @@ def goal_of(
     """Return where a drive runs to within a period, for a target in counts."""
     goal = zero + max(lowest, min(highest, counts)) * step
     return max(here - reach, min(here + reach, goal))
-
-
-@shared
-def signed(number: int, bits: int) -> int:
-    """Return the signed number that the lowest bits of another are."""
-    low = number & ((1 << bits) - 1)
-    return low - (1 << bits) if low >> (bits - 1) else low
 
 
 def head_of(can_id: int, length: int) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import time
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, cast
@@ -11,10 +10,11 @@ import numpy as np
 
 from teleop_rt.kernels.jit import bound
 from teleop_rt.signals import TRUTH
-from teleop_rt_drivers.can_door import DESCRIPTOR_BITS, UNUSUAL
+from teleop_rt_drivers.can_door import UNUSUAL, poll_words
 from teleop_rt_drivers.can_frames import FRAME, unpacked_plainly
 from teleop_rt_drivers.simulated import answer as kernels
 from teleop_rt_drivers.simulated.answer import CYCLE, MEASURED, Answer, head_of
+from teleop_rt_drivers.simulated.senses import MOST_ROWS, TrueRows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.dictionary import Pdo
     from teleop_rt_drivers.simulated.drive import ServoDrive
     from teleop_rt_drivers.simulated.faults import FaultyWire
+    from teleop_rt_drivers.simulated.line_answer import Lines
     from teleop_rt_drivers.simulated.plant import Plant
 
 MOST_FRAMES = 7  # of a packet
@@ -61,9 +62,10 @@ class Answering:
         self._cycle.clock = self._clock.ctypes.data
         self._records = cycle
         self._packet = np.zeros((0, 3), np.int64)
-        self._noted, self._heard = cycle["noted"], cycle["heard_ns"]
-        self._rows = np.zeros((kernels.MOST_ROWS, len(TRUTH)))
-        self._watched: list[int] = []
+        self._heard = cycle["heard_ns"]
+        self._true = TrueRows(np.zeros((MOST_ROWS, len(TRUTH))), np.zeros(1, np.int64))
+        self._lines: Lines | None = None
+        self._watched: list[int] | None = None
         self._polls = np.zeros(0, np.int64)
         self._heartbeat_of = heartbeat_id & 0x7F
         door = getattr(bus, "door", None)
@@ -79,9 +81,14 @@ class Answering:
             return
         self._watched, own = descriptors, self._bus.fileno()
         ordered = own, *(one for one in descriptors if one != own)
-        wanted = [one | select.POLLIN << DESCRIPTOR_BITS for one in ordered]
-        self._polls = np.array(wanted, np.int64)
+        self._polls = poll_words(ordered)
         self._bind_waiting()
+
+    def send_meanwhile(self, lines: Lines) -> None:
+        """Send the frames of sensors on these lines while it waits, from now on."""
+        self._lines = lines
+        if self._can:
+            self._bind_waiting()
 
     def left(self, until_ns: int = 0) -> Sequence[CanFrame] | None:
         """Answer the frames that wait, or that come until then, for it `is_ready`.
@@ -109,9 +116,10 @@ class Answering:
 
     def _pass_on(self) -> None:
         """Pass the true motion and the last heartbeat on that kernels have noted."""
-        if (noted := self._noted.item(0)) > 0:
-            self._note(self._rows[:noted].tolist())
-            self._noted[0] = 0
+        true = self._true
+        if (noted := true.new.item(0)) > 0:
+            self._note(true.rows[:noted].tolist())
+            true.new[0] = 0
         if (heard_ns := self._heard.item(0)) > 0:
             for node in self._nodes:
                 node.receive_heartbeat(self._heartbeat_of, heard_ns)
@@ -182,7 +190,7 @@ class Answering:
             [(head_of(pdo.cob_id, pdo.struct.size), 0, 0) for pdo, _, _ in rows], np.int64
         ).reshape(-1, 3)
         constant = np.array([number for _, number, _ in rows], np.int64)
-        answer = Answer(self._records, measured, self._packet, constant, self._clock, self._rows)
+        answer = Answer(self._records, measured, self._packet, constant, self._clock, self._true)
         self._cycle.sending = self._packet.ctypes.data
         self._arrays = answer, self._plant.moving, self._plant.beside
         self._go_on = bound(kernels.go_on, (*self._arrays, door.slots))
@@ -190,7 +198,7 @@ class Answering:
 
     def _bind_waiting(self) -> None:
         """Bind the kernel that waits to the descriptors on which it does."""
-        arrays = *self._arrays, *self._bus.door.arrays, self._polls
+        arrays = *self._arrays, *self._bus.door.arrays, self._polls, self._lines
         self._place = self._polls.ctypes.data
         self._take = bound(kernels.answer_until, arrays, 0, 0)
 

@@ -13,14 +13,8 @@ import can
 
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS, FaultyFrames
 from teleop_rt_drivers.simulated.faults import BUS_OFF_CLASS, break_bus, break_drive, mend_bus
-from teleop_rt_drivers.simulated.frame_devices import (
-    INT32,
-    FramedServo,
-    Sensor,
-    clamped,
-    crc8,
-    device_time_us,
-)
+from teleop_rt_drivers.simulated.frame_devices import FramedServo, Sensor, clamped, crc8
+from teleop_rt_drivers.simulated.line_frames import INT32, device_time_us
 from teleop_rt_drivers.simulated.servo import PlainServo
 
 if TYPE_CHECKING:

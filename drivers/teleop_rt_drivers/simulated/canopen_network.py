@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.device import Node
     from teleop_rt_drivers.simulated.faults import LastingFault
     from teleop_rt_drivers.simulated.plant import Plant
+    from teleop_rt_drivers.simulated.rig import Network
+    from teleop_rt_drivers.simulated.serial_network import SerialNetwork
 
 NMT, HEARTBEAT, SDO_REQUEST = 0x000, 0x700, 0x600  # COB-IDs without the node's id (CiA 301)
 HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
@@ -57,6 +59,7 @@ class CanopenNetwork:
         self.lost_frames = 0
         self.drive: ServoDrive | None = None
         self.devices: dict[str, Node] = {}
+        self._beside: SerialNetwork | None = None
         self._cut = False
         self._timed_ns = -1
         self._plant = plant
@@ -144,16 +147,38 @@ class CanopenNetwork:
         """Handle the frames that wait, as of when the kernel received each."""
         self._take(self._answering.left() if self._answering.is_ready() else None)
 
-    def answer_until(self, until_ns: int, descriptors: list[int]) -> bool:
-        """Handle the frames that come until then, or until another descriptor is readable.
+    @property
+    def together(self) -> tuple[Network, ...]:
+        """The networks whose frames it answers, if they do nothing else."""
+        return (self,) if self._beside is None else (self, self._beside)
 
-        Return whether it did: not where devices do more than answer the frames of every cycle.
+    def send_beside(self, sensors: SerialNetwork) -> None:
+        """Send the frames of a network of sensors, too, while it answers until a time."""
+        if sensors.answering is not None and sensors.answering.drive is None:
+            self._beside = sensors
+            self._answering.send_meanwhile(sensors.answering.lines)
+
+    def answer_until(self, until_ns: int, descriptors: list[int]) -> tuple[Network, ...]:
+        """Handle the frames that come until then, or until one of these descriptors is readable.
+
+        Return the networks for which it did: none where devices do more than answer the frames of
+        every cycle.
         """
         if not self._answering.is_ready():
-            return False
+            return ()
         self._answering.watch(descriptors)
+        now_ns = self._now_ns()
+        until_ns = min(until_ns, self.due_ns(now_ns))
+        beside = self._beside
+        if beside is None:
+            self._take(self._answering.left(until_ns))
+            return (self,)
+        sends = beside.begin()
+        if not sends:
+            until_ns = min(until_ns, beside.due_ns(now_ns))
         self._take(self._answering.left(until_ns))
-        return True
+        beside.end()
+        return (self, beside) if sends else (self,)
 
     def _take(self, frames: Sequence[CanFrame] | None) -> None:
         """Handle frames, or those that wait, and run the timers."""

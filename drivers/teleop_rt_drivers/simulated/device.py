@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from canopen.sdo.server import SdoServer
 
-from teleop_rt_drivers.simulated.answer import signed
 from teleop_rt_drivers.simulated.dictionary import EVENT_DRIVEN, ObjectStore
+from teleop_rt_drivers.simulated.senses import signed
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,11 +6,11 @@ import struct
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from teleop_rt_drivers.simulated.answer import INT32, PLACES, TORQUES, goal_of, signed, thousandths
+from teleop_rt_drivers.simulated.answer import INT32, PLACES, TORQUES, goal_of, thousandths
 from teleop_rt_drivers.simulated.device import Nmt, Node
 from teleop_rt_drivers.simulated.dictionary import EVENT_DRIVEN
 from teleop_rt_drivers.simulated.motion import OFF
-from teleop_rt_drivers.simulated.senses import clamped
+from teleop_rt_drivers.simulated.senses import clamped, signed
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.node_config import NodeConfig

@@ -10,20 +10,19 @@ import binascii
 import struct
 from typing import TYPE_CHECKING, Protocol
 
+from teleop_rt_drivers.simulated.line_frames import INT16, INT24
 from teleop_rt_drivers.simulated.servo import FOLLOW, PlainServo
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from teleop_rt_drivers.simulated.byte_faults import FaultyFrames
+    from teleop_rt_drivers.simulated.line_frames import WrittenFrame
     from teleop_rt_drivers.simulated.plant import Plant
 
-DEVICE_CLOCK_PPM = 40
-"""Drift of a device's own clock against ours [ppm]."""
 BOOT_NS = 30_000_000
 """Silence of a sensor after a reset."""
 STANDARD_GRAVITY = 9.80665  # m/s2, by definition
-INT16, INT24, INT32 = 2**15 - 1, 2**23 - 1, 2**31 - 1
 
 
 class FrameDevice(Protocol):
@@ -49,7 +48,10 @@ class FrameDevice(Protocol):
 
 
 class Sensor:
-    """Sends a measurement at a fixed rate, on a grid of its own."""
+    """Sends a measurement at a fixed rate, on a grid of its own: at `next_ns` the next one.
+
+    A kernel may send it instead, by the frame `written`.
+    """
 
     def __init__(
         self,
@@ -58,13 +60,15 @@ class Sensor:
         period_ns: int,
         faults: FaultyFrames,
         banner: bytes = b"",
+        written: WrittenFrame | None = None,
     ) -> None:
         self.name = name
         self.faults = faults
+        self.written = written
+        self.period_ns = period_ns
+        self.next_ns = 0
         self._encode = encode
-        self._period_ns = period_ns
         self._banner = banner
-        self._due_ns = 0
 
     def power_on(self) -> None:
         """Send a device's first frames."""
@@ -76,25 +80,25 @@ class Sensor:
 
     def run(self, now_ns: int) -> bool:
         """Send the measurement that is due."""
-        if now_ns < self._due_ns:
+        if now_ns < self.next_ns:
             return False
-        late = now_ns - self._due_ns > self._period_ns
-        self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
+        late = now_ns - self.next_ns > self.period_ns
+        self.next_ns = (now_ns if late else self.next_ns) + self.period_ns
         self.faults.send(self._encode(now_ns))
         return True
 
     def due_ns(self, now_ns: int) -> int:  # noqa: ARG002 - the drive's depends on it
         """Return when the next measurement is sent."""
-        return self._due_ns
+        return self.next_ns
 
     def reset(self) -> None:
         """Start again: silent for a while, then as after power-on."""
-        self._due_ns += BOOT_NS
+        self.next_ns += BOOT_NS
         self.power_on()
 
 
 class FramedServo:
-    """A drive that answers each command it can read."""
+    """A drive that answers each command it can read; a kernel may, by the frame `written`."""
 
     name = "drive"
 
@@ -104,9 +108,11 @@ class FramedServo:
         decode: Callable[[bytes], list[tuple[int, int]]],
         encode: Callable[[PlainServo], bytes],
         faults: FaultyFrames,
+        written: WrittenFrame | None = None,
     ) -> None:
         self.servo = servo
         self.faults = faults
+        self.written = written
         self.refuses = False
         self._decode = decode
         self._encode = encode
@@ -150,11 +156,6 @@ class FramedServo:
         self.servo.fail()
 
 
-def device_time_us(now_ns: int) -> int:
-    """Return a device's own 32-bit microsecond counter."""
-    return (now_ns + now_ns // 1_000_000 * DEVICE_CLOCK_PPM) // 1000 & 0xFFFFFFFF
-
-
 def _after_a_byte(step: Callable[[int], int]) -> list[int]:
     """Return the remainder of each byte, whose eight bits take a step each."""
     table = list(range(256))
@@ -190,19 +191,6 @@ def clamped(value: float, limit: int) -> int:
     return max(-limit, min(limit, round(value)))
 
 
-def wrench(plant: Plant) -> Callable[[int], bytes]:
-    """Return the encoder of the 37-byte six-axis sensor; the tool presses along z."""
-
-    def encode(now_ns: int) -> bytes:
-        force = plant.measured_force()
-        body = struct.pack(
-            "<H6fIf", 0, 0.0, 0.0, force, 0.0, 0.0, 0.0, device_time_us(now_ns), 24.5
-        )
-        return b"\xaa" + body + struct.pack("<H", crc16_x25(body))
-
-    return encode
-
-
 def counts(plant: Plant) -> Callable[[int], bytes]:
     """Return the encoder of the sensor that sends hundredths of a newton between 0x55 and 0xAA."""
 
@@ -232,20 +220,6 @@ def load_cell(plant: Plant) -> Callable[[int], bytes]:
     return lambda _: f"{plant.measured_force() / STANDARD_GRAVITY:+.4f} kg\r\n".encode()
 
 
-def quadrature(plant: Plant) -> Callable[[int], bytes]:
-    """Return the encoder of the counter board."""
-    sequence = 0
-
-    def encode(now_ns: int) -> bytes:
-        nonlocal sequence
-        sequence = (sequence + 1) & 0xFF
-        edges = clamped(plant.encoder_counts, INT32)
-        frame = b"\x51" + struct.pack("<BiI", sequence, edges, device_time_us(now_ns))
-        return frame + struct.pack("<H", crc16_x25(frame[1:]))
-
-    return encode
-
-
 def drive_commands(data: bytes, sync: int = 0xC3) -> list[tuple[int, int]]:
     """Return control and target of each whole command that arrived on the serial line."""
     found = []
@@ -254,16 +228,3 @@ def drive_commands(data: bytes, sync: int = 0xC3) -> list[tuple[int, int]]:
         if frame[0] == sync and struct.unpack("<H", frame[7:])[0] == crc16_x25(frame[1:7]):
             found.append(struct.unpack("<Bi", frame[2:7]))
     return found
-
-
-def drive_answer(sync: bytes = b"\x3c") -> Callable[[PlainServo], bytes]:
-    """Return the encoder of the serial drive's answer."""
-    sequence = 0
-
-    def encode(servo: PlainServo) -> bytes:
-        nonlocal sequence
-        sequence = (sequence + 1) & 0xFF
-        body = struct.pack("<BBi", sequence, servo.state, clamped(servo.actual, INT32))
-        return sync + body + struct.pack("<H", crc16_x25(body))
-
-    return encode

@@ -23,6 +23,8 @@ IDLE_ADVANCE_NS = 5_000_000
 """Without SYNC the plant still runs on, in spans of this length."""
 SERVE_WAIT_NS = 5_000_000
 """Longest wait before the rig looks whether it is to end."""
+NEVER_NS = 2**62
+"""A time that does not come [ns]."""
 FAULTS = tuple(
     dict.fromkeys((*LASTING, *SINGLE, *BYTE_FAULTS, "unplug", *FRAME_FAULTS, *DRIVE_FAULTS))
 )
@@ -72,10 +74,15 @@ class Network(Protocol):
 class AnsweringNetwork(Network, Protocol):
     """Devices that answer cycle after cycle without a look at anything else."""
 
-    def answer_until(self, until_ns: int, descriptors: list[int]) -> bool:
-        """Handle the frames that come until then, or until another descriptor is readable.
+    @property
+    def together(self) -> tuple[Network, ...]:
+        """The networks whose frames it answers, if they do nothing else."""
 
-        Return whether it did: false where there are others than those of every cycle.
+    def answer_until(self, until_ns: int, descriptors: list[int]) -> tuple[Network, ...]:
+        """Handle the frames that come until then, or until one of these descriptors is readable.
+
+        They are others' than its own. Return the networks for which it did: none where there are
+        frames other than those of every cycle.
         """
 
 
@@ -146,12 +153,9 @@ class SimulatedRig:
         self.power_on()
         networks, due_ns = self.networks, [0] * len(self.networks)
         while not stop():
-            until_ns = min(due_ns)
             descriptors = [one for network in networks for one in network.descriptors()]
-            answering = self.answering
-            if answering is not None and not answering.answer_until(until_ns, descriptors):
-                answering = None
-            wait_ns = min(until_ns - self._now_ns(), SERVE_WAIT_NS) if answering is None else 0
+            answered = self._answered(due_ns)
+            wait_ns = 0 if answered else min(min(due_ns) - self._now_ns(), SERVE_WAIT_NS)
             try:
                 found, _, _ = select.select(descriptors, (), (), max(0, wait_ns) * 1e-9)
             except (OSError, ValueError):  # a line that is being pulled is no descriptor any more
@@ -159,13 +163,26 @@ class SimulatedRig:
             readable = frozenset(found)
             now_ns = self._now_ns()
             for number, network in enumerate(networks):
-                if network is answering:
-                    due_ns[number] = network.due_ns(now_ns)
-                elif due_ns[number] <= now_ns or not readable.isdisjoint(network.descriptors()):
+                waits = not readable.isdisjoint(network.descriptors())
+                if waits or (due_ns[number] <= now_ns and network not in answered):
                     network.serve_once(readable)
-                    due_ns[number] = network.due_ns(now_ns)
+                elif network not in answered:
+                    continue
+                due_ns[number] = network.due_ns(now_ns)
             if now_ns - self._noted_ns > IDLE_ADVANCE_NS:
                 self._advance_idle()
+
+    def _answered(self, due_ns: list[int]) -> tuple[Network, ...]:
+        """Let a kernel answer until another network has something to do; return for which."""
+        if self.answering is None:
+            return ()
+        until_ns, together = NEVER_NS, self.answering.together
+        descriptors: list[int] = []
+        for network, next_ns in zip(self.networks, due_ns, strict=True):
+            if network not in together:
+                until_ns = min(until_ns, next_ns)
+                descriptors += network.descriptors()
+        return self.answering.answer_until(until_ns, descriptors)
 
     def close(self) -> None:
         """Release every bus and line."""

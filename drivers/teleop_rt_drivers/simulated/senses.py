@@ -12,7 +12,11 @@ from teleop_rt.kernels.jit import kernel, shared
 from teleop_rt_drivers.simulated.hidden_motion import advance_hidden
 from teleop_rt_drivers.simulated.motion import (
     DECELERATION,
+    FORCE,
     IMPULSE,
+    POSITION,
+    REFERENCE,
+    VELOCITY,
     advance,
     force_at,
 )
@@ -36,6 +40,8 @@ DRAWS = 64
 """Pairs of random numbers that are drawn at once: a sample takes one, for jitter and noise."""
 REPORTED_NS = 1_000_000
 """Over so long an industrial drive averages the torque that it reports."""
+MOST_ROWS = 128
+"""Rows of true motion that are kept: those of 20 ms between two heartbeats, at 4 kHz, and more."""
 IMPULSES = 256
 """Times kept of the drive's impulse: more than 20 ms of the smallest steps of a bus."""
 
@@ -56,6 +62,13 @@ class PlantArrays(NamedTuple):
     impulses: Vector
     sensor: Vector
     draws: Matrix
+
+
+class TrueRows(NamedTuple):
+    """Rows of `signals.TRUTH` (MOST_ROWS, columns), of which `new` (1,) were not taken yet."""
+
+    rows: Matrix
+    new: NDArray[np.int64]
 
 
 class Hidden(NamedTuple):
@@ -143,6 +156,15 @@ def measured_force(plant: PlantArrays) -> float:
     return float(lagged + sensor[NOISE] * plant.draws[draw, 1])
 
 
+@kernel
+def note(true: TrueRows, plant: PlantArrays) -> None:
+    """Note the plant's true motion, by the columns of `signals.TRUTH`."""
+    row = true.rows[true.new[0]]
+    row[0], row[1], row[2] = plant.numbers[NOW], plant.state[POSITION], plant.state[VELOCITY]
+    row[3], row[4], row[5] = plant.state[FORCE], plant.state[REFERENCE], plant.numbers[MODE]
+    true.new[0] += 1
+
+
 @shared
 def is_drawn(plant: PlantArrays, samples: int) -> bool:
     """Return whether the random numbers of so many samples are there."""
@@ -159,3 +181,10 @@ def in_counts(value: float, zero: float, step: float) -> float:
 def clamped(value: float, limit: int) -> int:
     """Return the nearest whole number within the range of a field."""
     return max(-limit, min(limit, round(value)))
+
+
+@shared
+def signed(number: int, bits: int) -> int:
+    """Return the signed number that the lowest bits of another are."""
+    low = number & ((1 << bits) - 1)
+    return low - (1 << bits) if low >> (bits - 1) else low

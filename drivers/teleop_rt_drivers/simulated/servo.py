@@ -31,7 +31,7 @@ class PlainServo:
     def __init__(self, plant: Plant, period_ns: int) -> None:
         self.state = ServoState.OFF
         self._plant = plant
-        self._period_s = period_ns * 1e-9
+        self.period_s = period_ns * 1e-9
         self._heard_ns = 0
         self._was_off = False
 
@@ -86,8 +86,25 @@ class PlainServo:
             self._plant.power_off()
             self.state = ServoState.OFF
 
+    # Commanded by a kernel instead (`line_answering.py`).
+
+    def standing(self) -> tuple[int, int, int] | None:
+        """Return the command of every cycle, the state, and when a command was heard last.
+
+        None where other commands, or silence, change the state now.
+        """
+        if self.state is ServoState.FOLLOWING:
+            return FOLLOW, int(self.state), self._heard_ns
+        if self.state is ServoState.OFF and self._was_off:
+            return OFF, int(self.state), self._heard_ns
+        return None
+
+    def resume(self, heard_ns: int) -> None:
+        """Go on from there: a command was heard last then."""
+        self._heard_ns = heard_ns
+
     def _act(self, target: int) -> None:
-        self._plant.follow(self._plant.position_of(target), self._period_s)
+        self._plant.follow(self._plant.position_of(target), self.period_s)
 
     def _hold(self) -> None:
         self._plant.hold()

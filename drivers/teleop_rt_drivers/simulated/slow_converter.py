@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from teleop_rt_drivers.simulated.frame_devices import BOOT_NS, INT24, clamped
+from teleop_rt_drivers.simulated.frame_devices import BOOT_NS, clamped
+from teleop_rt_drivers.simulated.line_frames import INT24
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.byte_faults import FaultyFrames
