@@ -84,6 +84,19 @@ def joint_deflection(force: float, compliance: float, stiffening_force: float) -
 
 
 @shared
+def force_behind_joint(rigid: float, stiffness_ratio: float, stiffening_force: float) -> float:
+    """Return the force f of a spring behind a joint, of which a rigid one would press `rigid`.
+
+    f = rigid - k c f / (1 + |f|/f₀), a quadratic equation; `stiffness_ratio` is k c [1].
+    """
+    a = abs(rigid) / stiffening_force
+    half = 0.5 * (1.0 + stiffness_ratio - a)
+    root = math.sqrt(half * half + a)
+    size = abs(rigid) / (root + half) if half > 0.0 else stiffening_force * (root - half)
+    return math.copysign(size, rigid)
+
+
+@shared
 def damping_at(depth: float, damping: float, exponent: float) -> float:
     """Return b xᵖ, the damping at a depth >= 0."""
     at_depth: float = damping * depth**exponent

@@ -57,7 +57,7 @@ HOW = {
     "adds_force": "its amplitude is estimated on-line beside the model's parameters",
     "moves_position": "the position is corrected by the effect itself, which follows the motion",
     "deflects": "the position is corrected by the deflection under the measured force",
-    "slackens": "it is not corrected on-line: its play opens where the force is small",
+    "slackens": "it is not corrected on-line: it acts where the force is small",
     "filters_force": "the position is made as slow as the force before they meet",
     "limits_force": "it has no causal inverse: samples that it spoils are masked",
     "shifts_time": "position and force are aligned by its lag",

@@ -17,6 +17,9 @@ from teleop_rt.contact.effects.stiffening import CENTRE, SPRING_POWER
 from teleop_rt.contact.law import spring_force
 from teleop_rt.kernels.jit import kernel
 
+UNDER_LOAD = "under load"
+"""End of the name of a law of the guide that the depth in a body changes."""
+
 
 @kernel
 def _smoothed_sign(
@@ -60,6 +63,15 @@ def presliding(
 
 
 @kernel
+def _sliding_behind_spring(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance a dry slider behind a spring: elastic until it slides, then at its full force."""
+    state[0] = min(max(state[0] + v * dt / eta[0], -1.0), 1.0)
+    return float(state[0])
+
+
+@kernel
 def _sign_by_direction(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -72,6 +84,23 @@ def _presliding_by_direction(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     goal = 1.0 if v > 0.0 else -eta[1]
+    state[0] = goal + (state[0] - goal) * exp(-abs(v) * dt / eta[0])
+    return float(state[0])
+
+
+@kernel
+def _sign_under_load(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(tanh(v / eta[0]) * (1.0 + max(x, 0.0) / eta[1]))
+
+
+@kernel
+def _presliding_under_load(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance Dahl's z with a goal that grows with the depth."""
+    goal = (1.0 if v > 0.0 else -1.0) * (1.0 + max(x, 0.0) / eta[1])
     state[0] = goal + (state[0] - goal) * exp(-abs(v) * dt / eta[0])
     return float(state[0])
 
@@ -121,6 +150,9 @@ _PRESLIDING = Shape(
 _SHORT_PRESLIDING = replace(_PRESLIDING, upper=0.03, points=5)
 # Beyond twice as much in one direction it would be a bias with some friction, not friction.
 _BACKWARD = Shape("backward_ratio", "1", 0.5, 2.0, 1.0, logarithmic=True, points=4)
+# Seals and rollers are pressed by the load that the drive carries.
+_DOUBLING = Shape("doubling_depth", "{x}", 0.05, 20.0, 1.0, logarithmic=True, relative_to="travel",
+                  points=3, ideal="upper")  # fmt: skip
 _STRIBECK = (
     Shape(
         "stribeck_velocity",
@@ -157,6 +189,17 @@ _BY_DIRECTION = replace(
     sentence="Dry friction of {friction_force} forward, {backward_ratio} times that backward.",
     like=("coulomb_friction", "force_bias"),
 )
+_UNDER_LOAD = replace(
+    _DRY,
+    law=f"smoothed sign, {UNDER_LOAD}",
+    shapes=(SMOOTHING, _DOUBLING),
+    step=_sign_under_load,
+    sentence=(
+        "Dry friction of {friction_force} in the guide, twice that where the tool presses"
+        " {doubling_depth} deep."
+    ),
+    extends="smoothed sign",
+)
 _STRIBECK_FRICTION = replace(
     _DRY,
     name="stribeck_friction",
@@ -168,6 +211,14 @@ _STRIBECK_FRICTION = replace(
 EFFECTS = (
     _DRY,
     replace(_DRY, law="presliding", shapes=(_PRESLIDING,), step=presliding, state_size=1),
+    replace(
+        _DRY,
+        law="behind a spring",
+        shapes=(_PRESLIDING,),
+        step=_sliding_behind_spring,
+        sentence="Dry friction of {friction_force}; its joint gives {presliding_travel} first.",
+        state_size=1,
+    ),
     # With presliding, friction of a body alone is its hysteresis: one force, one name.
     replace(
         _DRY,
@@ -207,6 +258,15 @@ EFFECTS = (
         shapes=(_PRESLIDING, _BACKWARD),
         step=_presliding_by_direction,
         state_size=1,
+    ),
+    _UNDER_LOAD,
+    replace(
+        _UNDER_LOAD,
+        law=f"presliding, {UNDER_LOAD}",
+        shapes=(_PRESLIDING, _DOUBLING),
+        step=_presliding_under_load,
+        state_size=1,
+        extends="presliding",
     ),
     _STRIBECK_FRICTION,
     replace(

@@ -15,7 +15,7 @@ from teleop_rt.contact.effect import (
 )
 from teleop_rt.contact.effects.sensor import FIRST_ORDER_LAG
 from teleop_rt.contact.effects.stiffening import CENTRE
-from teleop_rt.contact.law import joint_deflection
+from teleop_rt.contact.law import force_behind_joint, joint_deflection
 from teleop_rt.kernels.jit import kernel
 
 
@@ -111,6 +111,14 @@ def _slack_about_rest(
 
 
 @kernel
+def _behind_seating_joint(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return the force behind a joint, of which a rigid one would press the force x."""
+    return force_behind_joint(x, eta[0], eta[1])
+
+
+@kernel
 def _slack_at_no_force(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -118,6 +126,7 @@ def _slack_at_no_force(
     return float(x - min(max(x, -eta[0]), eta[0]))
 
 
+_UNITY = Amplitude("scale", "1", unity=True)
 BEYOND_THE_MASS = "beyond the tool's mass"  # law of a play between the tool and its tip
 
 
@@ -129,7 +138,7 @@ def _play(law: str, step: StepFunction) -> Effect:
         family="lost motion",
         belongs_to="rig",
         stage="kinematics",
-        amplitude=Amplitude("scale", "1", unity=True),
+        amplitude=_UNITY,
         shapes=(
             Shape("gap", "{x}", 1e-3, 0.4, 0.02, logarithmic=True, relative_to="travel", points=10),
         ),
@@ -198,6 +207,17 @@ _JOINT = Effect(
     only_in_contact=False,
     acts="deflects",
 )
+_SEATING = Shape(
+    "seating_force",
+    "{f}",
+    0.02,
+    5.0,
+    0.3,
+    logarithmic=True,
+    relative_to="force",
+    points=2,
+    ideal="upper",
+)
 # A spring and a damper behind another spring are softer ones whose force is late: one force, two
 # names. Held bodies show no other sign of the joint.
 _JOINT_OF_A_HELD_BODY = replace(
@@ -261,23 +281,26 @@ EFFECTS = (
         law="seating joint",
         amplitude=replace(_JOINT.amplitude, upper=4.0, points=5),
         shapes=(
-            Shape(
-                "seating_force",
-                "{f}",
-                0.02,
-                5.0,
-                0.3,
-                logarithmic=True,
-                relative_to="force",
-                points=2,
-                ideal="upper",
-            ),
+            _SEATING,
         ),
         step=_seating,
         sentence="{compliance} of the rig lies in series between encoder and tip; at"
         " {seating_force} the joint has seated and deflects half as far.",
     ),
     _JOINT_OF_A_HELD_BODY,
+    replace(
+        _JOINT,
+        law=f"{WITHOUT_CONTACT}, seating",
+        amplitude=_UNITY,
+        shapes=(
+            Shape("softness", "1", 0.03, 3.0, 0.3, logarithmic=True, points=3),
+            replace(_SEATING, points=3, ideal=""),
+        ),
+        step=_behind_seating_joint,
+        sentence="A joint in series gives by {softness} of the body's own way; at {seating_force}"
+        " it has seated and gives half of that.",
+        acts="slackens",
+    ),
     _PLAY,
     _play("from the loading flank", _play_from_loading_flank),
     _play("from the unloading flank", _play_from_unloading_flank),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from teleop_rt.contact.effect import OF_THE_SPRING, Effect
+from teleop_rt.contact.effects.friction import UNDER_LOAD
 from teleop_rt.contact.effects.kinematics import BEYOND_THE_MASS
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
@@ -39,7 +40,8 @@ def applicable(
             held = base.has_spring or not _is_of_a_spring(effect)
             return held and not base.touches
         material = effect.belongs_to == "environment" or effect.only_in_contact
-        return base.touches or not (material or effect.acts == "deflects")
+        loaded = effect.acts == "deflects" or effect.law.endswith(UNDER_LOAD)
+        return base.touches or not (material or loaded)
 
     return tuple(effect for effect in effects if possible(effect))
 

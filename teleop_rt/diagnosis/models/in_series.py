@@ -8,7 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Matrix, Vector
-from teleop_rt.contact.law import damping_at, joint_deflection, spring_force, touches
+from teleop_rt.contact.law import (
+    damping_at,
+    force_behind_joint,
+    joint_deflection,
+    spring_force,
+    touches,
+)
 from teleop_rt.kernels.jit import kernel
 
 _STEP = 1e-4  # of a parameter: step of the difference that is its derivative
@@ -109,7 +115,7 @@ def _implicit(
             continue
         bent = joint_deflection(last, c, seated)
         if n == 1.0 and q == 0.0:
-            f = _seating(k * x[i] + b * (v[i] + bent / dt), c * (k + b / dt), seated)
+            f = force_behind_joint(k * x[i] + b * (v[i] + bent / dt), c * (k + b / dt), seated)
         else:
             f = _newton(x[i], v[i], last + rise, bent, material, joint, dt)
         pulls = clamped and f <= 0.0
@@ -135,16 +141,6 @@ def _bending(force: float, compliance: float, seated: float) -> float:
     """Return the slope of the joint's deflection by the force."""
     slope: float = compliance / (1.0 + abs(force) / seated) ** 2
     return slope
-
-
-@kernel
-def _seating(pressed: float, stiffness_ratio: float, seated: float) -> float:
-    """Return f = pressed - stiffness_ratio f / (1 + |f|/seated), a quadratic equation."""
-    a = abs(pressed) / seated
-    half = 0.5 * (1.0 + stiffness_ratio - a)
-    root = math.sqrt(half * half + a)
-    size = abs(pressed) / (root + half) if half > 0.0 else seated * (root - half)
-    return math.copysign(size, pressed)
 
 
 @kernel

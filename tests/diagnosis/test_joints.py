@@ -1,0 +1,94 @@
+"""Friction behind a joint or under load, and joints that seat: laws of fixtures and guides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
+from teleop_rt.recordings.recording import from_arrays
+
+DT_S = 0.01
+SUBSTEPS = 40
+T_S = DT_S / SUBSTEPS * np.arange(3000 * SUBSTEPS)
+SMOOTH_M = 1e-3 * np.sin(0.9 * T_S) + 5e-4 * np.sin(2.3 * T_S + 1.0) + 2e-4 * np.sin(7.1 * T_S)
+
+
+def diagnosed(
+    x: np.ndarray, force: np.ndarray, noise_n: float, encoder_m: float = 5e-7
+) -> Diagnosis:
+    """Diagnose every `SUBSTEPS`-th sample, with noise and encoder steps added."""
+    x, force = x[::SUBSTEPS], force[::SUBSTEPS]
+    force = force + noise_n * np.random.default_rng(12).standard_normal(force.size)
+    return diagnose(
+        from_arrays("joint", T_S[::SUBSTEPS], encoder_m * np.round(x / encoder_m), force)
+    )
+
+
+def behind_a_spring(x: np.ndarray, k: float, b: float, c: float, friction: float) -> np.ndarray:
+    """Return the force of a specimen that slides in a dry fixture, behind a load frame.
+
+    The specimen is at y, the frame gives by c [m/N] times the force: f = (x - y)/c. It slides where
+    its spring and damper do not balance that force within the friction.
+    """
+    h = T_S[1] - T_S[0]
+    y, force = 0.0, np.empty(x.size)
+    for i, here in enumerate(x.tolist()):
+        free = (here - y) / c - k * y
+        if abs(free) > friction:
+            over = free - np.sign(free) * friction
+            y += over / (b / h + k + 1.0 / c)  # implicit in y
+        force[i] = (here - y) / c
+    return force
+
+
+def test_friction_of_a_fixture_behind_a_load_frame_is_friction() -> None:
+    found = diagnosed(SMOOTH_M, behind_a_spring(SMOOTH_M, 22e3, 200.0, 6e-6, 6.0), 0.12)
+    assert found.answer["class"][0] == ["coulomb_friction"]
+    assert found.answer["error"]["after_over_floor"] < 1.1
+    [effect] = found.answer["effects"]
+    # In series with the frame the specimen's spring takes a part of it: 6 / (1 + k c).
+    assert effect["parameters"]["friction_force"]["value"] == pytest.approx(5.3, rel=0.05)
+
+
+def under_load(depth: np.ndarray, level_n: float, growth: float) -> np.ndarray:
+    """Return the force of a seal that turns over within 60 um, pressed by the load of the drive."""
+    z, force = 0.0, np.empty(depth.size)
+    for i, moved in enumerate(np.diff(depth, prepend=depth[0]).tolist()):
+        z += moved / 6e-5 * (1.0 - z * np.sign(moved))
+        load = 2000.0 * max(depth[i], 0.0)
+        force[i] = (level_n + growth * load) * z
+    return force
+
+
+def test_friction_of_a_seal_that_the_load_presses_is_one_effect() -> None:
+    """Coulomb friction and a hysteresis that grows with the depth were named instead."""
+    depth = 8.0 * SMOOTH_M + 3e-3
+    speed = np.gradient(depth, T_S)
+    body = np.where(depth > 0.0, np.maximum(2000.0 * depth + 40.0 * speed, 0.0), 0.0)
+    found = diagnosed(depth, body + under_load(depth, 2.2, 0.03), 0.3, encoder_m=5e-6)
+    assert found.answer["class"] == [["coulomb_friction"]]
+    [effect] = found.answer["effects"]
+    assert effect["law"].endswith("under load")
+    assert effect["parameters"]["friction_force"]["value"] == pytest.approx(2.2, rel=0.1)
+    doubled_m = 2.2 / (0.03 * 2000.0)
+    assert effect["parameters"]["doubling_depth"]["value"] == pytest.approx(doubled_m, rel=0.15)
+
+
+def seated(x: np.ndarray, k: float, give: np.ndarray, pressed: np.ndarray) -> np.ndarray:
+    """Return the force of a spring behind a joint that gives by `give` [m] at forces `pressed`."""
+    return np.interp(x, pressed / k + give, pressed)
+
+
+@pytest.mark.parametrize("friction", [0.0, 4.0])
+def test_a_joint_that_seats_behind_a_held_specimen_is_a_compliance(friction: float) -> None:
+    """The joint gives as an exponential, which no law of the library is."""
+    pressed = np.linspace(-400.0, 400.0, 20_001)
+    give = np.sign(pressed) * 4e-6 * 25.0 * (1.0 - np.exp(-np.abs(pressed) / 25.0))
+    speed = np.gradient(SMOOTH_M, T_S)
+    force = seated(SMOOTH_M, 1e5, give, pressed) + 60.0 * speed + friction * np.tanh(speed / 2e-5)
+    answer = diagnosed(SMOOTH_M, force, 0.4).answer
+    truth = ["coulomb_friction", "series_compliance"] if friction else ["series_compliance"]
+    assert sorted(answer["class"][0]) == truth
+    assert answer["verdict"] in {"named", "class"}
+    assert answer["error"]["after_over_floor"] < 1.25
