@@ -199,9 +199,15 @@ def _first_press(effect: Effect, motion: RecordedMotion, place: Place, eta: Vect
 
     Of a linear memory it is all that distinguishes a tool that had rested there.
     """
-    still = np.zeros_like(place.x)
-    held = np.full_like(place.x, place.x[0])
-    return run_step(effect, held, still, still, motion.t, motion.dt, eta)
+
+    def make() -> Vector:
+        still = np.zeros_like(place.x)
+        held = np.full_like(place.x, place.x[0])
+        return run_step(effect, held, still, still, motion.t, motion.dt, eta)
+
+    if place.shift is None:
+        return make()
+    return motion.remembered((effect.step, "press", place.shift, eta.tobytes()), make)
 
 
 def _traces(effect: Effect, motion: RecordedMotion, eta: Vector) -> list[Vector]:
