@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -137,6 +138,16 @@ def test_a_larger_law_at_its_bound_is_another_form_of_its_special_case(
     assert names(judged(9000.0, at_bound=larger, **left)) == [plain]
     del left[plain]
     assert names(judged(9000.0, at_bound=larger, **left)) == [larger]
+
+
+def test_a_law_at_its_bound_is_not_named_beside_one_that_explains_as_much() -> None:
+    """Hysteresis at its sharpest took the rest of the error of a friction behind a spring."""
+    excess = 1e5
+    friction, far = (0.004 * excess, 0.0), (0.006 * excess, 0.0)
+    named = partial(judged, excess, at_bound="hysteresis", hysteresis=(0.0, 0.0))
+    assert names(named(coulomb_friction=friction)) == ["coulomb_friction"]
+    assert names(named(coulomb_friction=far)) == ["hysteresis"]
+    assert names(judged(excess, hysteresis=(0.0, 0.0), coulomb_friction=friction)) == ["hysteresis"]
 
 
 def test_a_law_that_leaves_nothing_is_not_confused_with_one_that_is_clearly_worse() -> None:

@@ -125,6 +125,22 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
     return [r for r in candidates if gains_over_simpler(r)]
 
 
+def without_laws_at_bounds(candidates: list[Ranked], excess: float) -> list[Ranked]:
+    """Return the candidates without laws at a bound beside others that explain as much.
+
+    A shape at a bound takes the error of another law's form, or of the motion. Of another set with
+    no more effects and all shapes within their bounds, a difference below half a percent of the
+    excess (`SAME_SHARE`) is such an error.
+    """
+    free = [r for r in candidates if not r.at_bound]
+
+    def surpassed(ranked: Ranked) -> bool:
+        least, most = ranked.gain - SAME_SHARE * excess, len(ranked.fit.names)
+        return any(r.gain > least and len(r.fit.names) <= most for r in free)
+
+    return [r for r in candidates if not r.at_bound or not surpassed(r)]
+
+
 def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Ranked]:
     """Return the candidates by Schwarz's criterion, best first, with the misfit as dispersion.
 
@@ -205,6 +221,7 @@ def judge(
     closest = min([*sets, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
     singles, sets = (without_empty_extensions(found, excess) for found in (singles, sets))
+    singles, sets = (without_laws_at_bounds(found, excess) for found in (singles, sets))
     sure = [r for r in sure if r in singles]
     sure, candidates = by_merit(sure, excess, floor), by_merit([*sets, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
