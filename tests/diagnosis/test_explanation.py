@@ -210,8 +210,9 @@ def test_a_law_at_its_bound_withholds_no_other_name() -> None:
     found = explain([_ALONE, clipped, bent])
     assert found.verdict == "partial"
     assert [one.fit.names for one in found.sets] == [("force_saturation",)]
-    spoilt = replace(clipped, unsupported=frozenset({"force_saturation"}))
-    assert explain([_ALONE, spoilt, bent]).verdict == "unexplained"
+    spoilt = [replace(one, unsupported=one.unsupported | {"force_saturation"})
+              for one in (clipped, bent)]  # fmt: skip
+    assert explain([_ALONE, *spoilt]).verdict == "unexplained"
 
 
 def test_a_poor_law_within_its_bounds_does_not_replace_a_far_better_one() -> None:
@@ -219,6 +220,26 @@ def test_a_poor_law_within_its_bounds_does_not_replace_a_far_better_one() -> Non
     poor = _set("hysteresis", path=(1.0, 0.55))
     other = _set("coulomb_friction", path=(1.0, 0.14))
     assert explain([_ALONE, bent, poor, other]).verdict == "unexplained"
+
+
+def test_a_law_at_its_bound_alone_is_named_where_a_larger_set_supports_it() -> None:
+    friction = _set("coulomb_friction", path=(1.0, 0.22), at_bound=("coulomb_friction",))
+    late = _set("coulomb_friction", "force_lag", path=(1.0, 0.22, 0.16))
+    found = explain([_ALONE, friction, late], noise=0.12)
+    assert found.verdict == "partial"
+    assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
+    unsupported = replace(late, unsupported=frozenset({"coulomb_friction"}))
+    assert explain([_ALONE, friction, unsupported], noise=0.12).verdict == "unexplained"
+
+
+def test_a_pair_that_fits_less_well_than_its_member_leaves_the_next_no_more_to_explain() -> None:
+    """The pair's laws are within their bounds; the third effect had seemed to complete it."""
+    friction = _set("coulomb_friction", path=(1.0, 0.22))
+    pair = _set("coulomb_friction", "channel_delay", path=(1.0, 0.30, 0.24))
+    three = _set("coulomb_friction", "channel_delay", "quadratic_damping",
+                 path=(1.0, 0.30, 0.24, 0.136))  # fmt: skip
+    found = explain([_ALONE, friction, pair, three], noise=0.114)
+    assert [one.fit.names for one in found.sets] == [("coulomb_friction",)]
 
 
 def test_a_law_at_its_bound_that_fits_no_better_excludes_no_name() -> None:

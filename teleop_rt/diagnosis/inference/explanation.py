@@ -252,12 +252,13 @@ def _named_part(
             rest, key=lambda n: known[n].energy / (1.0 - LEAST_GAIN * bool(known[n].unsupported))
         )
         order, names = [*order, *(longer - names)], longer
-        taken, left = energy - known[names].energy, energy - noise
+        # The law of a larger set may be another one, within its bounds, that fits less well.
+        taken, left = max(energy - known[names].energy, 0.0), energy - noise
         completes = left > (1.0 - NAMED_SHARE) * excess and taken >= _NEARLY_AS_GOOD * left
         if completes or taken >= LEAST_SHARE * excess:
             named = len(order)
             excess -= taken if order[-1] in tones else 0.0
-        energy = known[names].energy
+        energy -= taken
     best = _distinct(order[:named], one, known)
     taken = one.energies[0] - known[best].energy
     special = [n for n in simpler_names(best) if n in known
@@ -265,7 +266,15 @@ def _named_part(
     as_good = [n for n in special if (1.0 - LEAST_GAIN) * known[n].energy <= known[best].energy]
     parts = sorted((n for n in known if n < best), key=lambda n: known[n].energy)
     ways = (*as_good, best, *special, *parts)
-    return next(n for n in ways if known[n].nameable or not n)
+    return next(n for n in ways if known[n].nameable or _supported_in(one, n))
+
+
+def _supported_in(one: Scored, names: frozenset[str]) -> bool:
+    """Return whether a set's data support these names of it, if not each by itself.
+
+    Alone, a law may end at a bound because it takes the force of the others.
+    """
+    return names <= one.names and names.isdisjoint(one.unsupported)
 
 
 def _distinct(
