@@ -280,9 +280,7 @@ EFFECTS = (
         _JOINT,
         law="seating joint",
         amplitude=replace(_JOINT.amplitude, upper=4.0, points=5),
-        shapes=(
-            _SEATING,
-        ),
+        shapes=(_SEATING,),
         step=_seating,
         sentence="{compliance} of the rig lies in series between encoder and tip; at"
         " {seating_force} the joint has seated and deflects half as far.",

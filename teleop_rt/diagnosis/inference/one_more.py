@@ -70,6 +70,12 @@ def coarse_one_more(
     return best_by_name(fits)
 
 
+def worth_extending(base: Fit, singles: list[Fit]) -> list[Fit]:
+    """Return the single effects, or sets, that explain enough to be part of a larger set."""
+    least = min(fit.chi2 for fit in singles)
+    return [f for f in singles if f.chi2 - least <= (1.0 - FIRST_SHARE) * (base.chi2 - least)]
+
+
 def _starts(
     problem: Problem,
     lower: tuple[Coarse, Coarse],
@@ -79,9 +85,7 @@ def _starts(
 ) -> list[Start]:
     """Return starts of the likeliest sets, each beside one of the best single effects or sets."""
     found: list[tuple[float, tuple[str, ...], Start]] = []
-    least = min(fit.chi2 for fit in singles)
-    firsts = [f for f in singles if f.chi2 - least <= (1.0 - FIRST_SHARE) * (base.chi2 - least)]
-    for first in firsts[:FIRSTS]:
+    for first in worth_extending(base, singles)[:FIRSTS]:
         others = tuple(e for e in effects if not _same_as_any(e, first))
         seconds = screen_coarsely(problem, lower, first, others)[:8]
         found += [(first.chi2 - s.gain, first.names, s) for s in seconds]

@@ -10,7 +10,11 @@ import numpy as np
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.laws import by_other_laws
-from teleop_rt.diagnosis.inference.one_more import MOST_EFFECTS, coarse_one_more
+from teleop_rt.diagnosis.inference.one_more import (
+    MOST_EFFECTS,
+    coarse_one_more,
+    worth_extending,
+)
 from teleop_rt.diagnosis.inference.polishing import polished
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
@@ -49,7 +53,8 @@ def weigh_singles(
     if alone.model.base.finds_surface:
         shifts = [fit.model.shift(fit.zeta) for fit in singles[:_NOISE_CANDIDATES]]
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
-    problem, fast = (without_impacts(one, singles) for one in (problem, fast))
+    plausible = worth_extending(alone, singles)
+    problem, fast = (without_impacts(one, plausible) for one in (problem, fast))
     problem, alone, singles = _with_settled_noise(problem, alone, singles)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_WHITE_FITS])

@@ -36,17 +36,8 @@ class Columns(NamedTuple):
 def force_of(model: CandidateModel, motion: RecordedMotion, zeta: Vector, theta: Vector) -> Vector:
     """Return the prediction at the nonlinear and the linear parameters."""
     course = Course.of(model, motion, zeta)
-    moved, number = course.moved, len(course.base)
-    nothing = np.zeros_like(moved.x)
-    total, sensed = _body_force(course, theta), nothing.copy()
-    rest = zip(theta[number:], course.added, course.behind, course.cut, strict=True)
-    for value, row, behind, cut in rest:
-        if cut:
-            continue
-        if behind:
-            sensed += value * row
-        else:
-            total += value * row
+    moved, nothing = course.moved, np.zeros_like(course.moved.x)
+    total, sensed = _tip_and_sensor(course, theta)
     for effect, eta in _acting(course, "slackens"):
         total = run_step(effect, total, nothing, nothing, nothing, 1.0, eta)
     for effect, eta in _acting(course, "filters_force"):
@@ -55,6 +46,32 @@ def force_of(model: CandidateModel, motion: RecordedMotion, zeta: Vector, theta:
     for effect, eta in _acting(course, "limits_force"):
         total = run_step(effect, total, nothing, nothing, nothing, 1.0, eta)
     return total
+
+
+def slip_of(model: CandidateModel, motion: RecordedMotion, zeta: Vector, theta: Vector) -> Vector:
+    """Return the speed at which the tip moves relative to the drive [rig unit/s]."""
+    course = Course.of(model, motion, zeta)
+    slip: Vector = np.abs(course.moved.v - motion.v)
+    tip, nothing = _tip_and_sensor(course, theta)[0], np.zeros_like(slip)
+    for effect, eta in _acting(course, "slackens"):
+        is_open = run_step(effect, tip, nothing, nothing, nothing, 1.0, eta) == 0.0
+        slip = np.where(is_open, np.abs(motion.v), slip)
+    return slip
+
+
+def _tip_and_sensor(course: Course, theta: Vector) -> tuple[Vector, Vector]:
+    """Return the force at the tip, and the force that acts in the sensor alone."""
+    number = len(course.base)
+    tip, sensed = _body_force(course, theta), np.zeros_like(course.moved.x)
+    rest = zip(theta[number:], course.added, course.behind, course.cut, strict=True)
+    for value, row, behind, cut in rest:
+        if cut:
+            continue
+        if behind:
+            sensed += value * row
+        else:
+            tip += value * row
+    return tip, sensed
 
 
 def _body_force(course: Course, theta: Vector) -> Vector:

@@ -12,8 +12,8 @@ from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.criteria import SIGMAS
 from teleop_rt.diagnosis.models.base import Base
-from teleop_rt.diagnosis.models.course import Course
 from teleop_rt.diagnosis.models.fit import Fit, Problem
+from teleop_rt.diagnosis.models.predict import slip_of
 from teleop_rt.diagnosis.noise import whiten
 from teleop_rt.diagnosis.samples import steps
 from teleop_rt.diagnosis.samples.converter import without_steps
@@ -212,14 +212,12 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
     """Return the problem without the samples at which one of the fits closes a play.
 
     The tip's velocity jumps there. The force of mass and damper passes between two samples, or the
-    sensor spreads it over several; a recording does not show which. A play about a rest, which
-    remembers nothing, closes at two places alone, and these would be left out in every fit.
+    sensor spreads it over several; a recording does not show which.
     """
     mask = problem.whitener.mask.copy()
     for fit in fits:
-        if any(e.compensation == "mask" and e.state_size for e in fit.model.effects):
-            moved = Course.of(fit.model, problem.motion, fit.zeta).moved
-            slip = np.abs(moved.v - problem.motion.v)
+        if any(e.compensation == "mask" for e in fit.model.effects):
+            slip = slip_of(fit.model, problem.motion, fit.zeta, fit.theta)
             least = _IMPACT_SPEED * problem.motion.scales["speed"]
             # Within the play the slip changes with the drive's speed, without an impact.
             ends = np.diff(slip > least) & (np.abs(np.diff(slip)) > least)
