@@ -171,3 +171,37 @@ def test_only_the_ends_of_a_play_are_left_out_as_impacts() -> None:
     )
     closings = 2 * round(2.0 * t[-1] / (2.0 * np.pi))
     assert 0.8 * before < after < before - closings
+
+
+def test_the_ends_of_a_play_that_opens_at_no_force_are_left_out_too() -> None:
+    t = 0.01 * np.arange(2000)
+    x = 1e-3 * np.sin(2.0 * t) + 2e-5 * np.sin(11.0 * t)
+    force = 5000.0 * x + 0.01 * np.random.default_rng(6).standard_normal(t.size)
+    base = base_of("spring,viscous,bias")
+    problem = problem_of(from_arrays("slack", t, x, force), base, 0.0)
+    [law] = (e for e in LIBRARY if e.acts == "slackens" and e.name == "backlash")
+    fit = problem.solve(CandidateModel(base, (law,)), np.array([1.0]), np.array([5000.0, 0.0, 0.0]))
+    spared = without_impacts(problem, [fit]).whitener.mask
+    left_out = (problem.whitener.mask > 0.0) & (spared == 0.0)
+    closings = 2 * round(2.0 * t[-1] / (2.0 * np.pi))
+    assert np.count_nonzero(left_out) > closings
+    slack = np.abs(5000.0 * x) < 1.0
+    edges = np.flatnonzero(np.diff(slack))
+    nearest = np.min(np.abs(np.flatnonzero(left_out)[:, None] - edges[None, :]), axis=1)
+    assert np.max(nearest) < 10
+
+
+def test_a_play_that_explains_little_leaves_no_samples_out() -> None:
+    """Beside a friction it took a third of the samples of this motion, whatever it explained."""
+    t = 1e-3 * np.arange(6000)
+    tones = ((1.3, 1e-3, 0.1), (5.1, 5e-4, 1.0), (13.0, 2e-4, 2.0), (31.0, 6e-5, 0.5))
+    x = sum((a * np.sin(2.0 * np.pi * f * t + phase) for f, a, phase in tones), np.zeros(t.size))
+    turned, friction = 0.0, np.empty(t.size)
+    for i, moved in enumerate(np.diff(x, prepend=x[0]).tolist()):
+        turned += moved / 6e-5 * (1.0 - turned * np.sign(moved))
+        friction[i] = 0.9 * turned
+    force = 2500.0 * x + 18.0 * np.gradient(x, t) + friction
+    force += 0.03 * np.random.default_rng(5).standard_normal(t.size)
+    found = diagnose(from_arrays("rubs", t, np.round(x / 1e-7) * 1e-7, force))
+    assert found.answer["class"] == [["coulomb_friction"]]
+    assert np.mean(found.problem.whitener.mask > 0.0) > 0.95
