@@ -30,6 +30,7 @@ from teleop_rt.link.handshake import Answerer, Caller
 from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.messages import (
     Kind,
+    Message,
     MessageError,
     ModelMessage,
     MotionMessage,
@@ -62,9 +63,9 @@ _DATA: dict[Role, frozenset[int]] = {
 
 
 # By these names a tick finds them at once.
-_KIND, _SEQUENCE, _MOTION = intake.KIND, intake.SEQUENCE, int(Kind.MOTION)
+_KIND, _SEQUENCE = intake.KIND, intake.SEQUENCE
+_MOTION, _MODEL, _TAKEN = map(int, (Kind.MOTION, Kind.MODEL, Kind.TAKEN))
 _PEER_STAMP, _PEER_STAMP_TAKEN = intake.PEER_STAMP, intake.PEER_STAMP_TAKEN
-_READ_AT_ONCE = frozenset(map(int, (Kind.MODEL, Kind.TAKEN)))
 
 
 class Endpoint(EndpointState):
@@ -91,7 +92,7 @@ class Endpoint(EndpointState):
     ) -> None:
         super().__init__()
         self._data = _DATA[role]
-        self._kinds = sum(1 << kind for kind in self._data - _READ_AT_ONCE)
+        self._kinds = sum(1 << kind for kind in self._data - {_TAKEN})
         self.transport = transport
         self._now_ns = now_ns
         self._rate_hz = rate_hz
@@ -267,22 +268,36 @@ class Endpoint(EndpointState):
             self._take_expected(session, body, now_ns)
 
     def _take_expected(self, session: Session, body: bytes, now_ns: int) -> None:
-        """Take in one more motion or state of the session that stands."""
+        """Take in one more motion, state or model of the session that stands."""
         sessions, sender = self.sessions, self.transport.sender
+        model, kind = None, self._numbers[_KIND]
         if session.address is not sender:
             self.transport.confirm_sender()
             session.address = sender
         sessions.accepted_ns = now_ns
+        if kind == _MODEL and (model := self._read_model(session, body)) is None:
+            return
         if problem := self._accept(body, session.epoch, sessions.lost_before, now_ns):
             try:
                 self._count_problem(problem)
             except MessageError as error:
                 self.statistics.reject(error.reason)
                 return
-        if self._numbers[_KIND] == _MOTION:
+        if model is not None:
+            self.store(kind, body, model)
+        elif kind == _MOTION:
             self._motion, self.fresh_motion = body, True
         else:
             self._state, self.fresh_state = body, True
+
+    def _read_model(self, session: Session, body: bytes) -> Message | None:
+        """Read a model before it counts as news; None for one that is refused, which is counted."""
+        try:
+            return decode(Kind.MODEL, body)
+        except MessageError as error:
+            session.window.add(self._numbers[_SEQUENCE])
+            self.statistics.reject(error.reason)
+            return None
 
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of their cost."""
@@ -302,7 +317,7 @@ class Endpoint(EndpointState):
         session.address = self.transport.sender
         sessions.accepted_ns = now_ns
         # A model is read before it counts as news; of the rest the kernel looks at the body.
-        read = decode(Kind(kind), body) if kind in _READ_AT_ONCE else None
+        read = decode(Kind(kind), body) if kind in (_MODEL, _TAKEN) else None
         self._count_problem(
             intake.take_in(
                 self.words,

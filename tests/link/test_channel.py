@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from teleop_rt.link.channel import Endpoint
@@ -123,6 +125,22 @@ def test_a_motion_that_is_refused_leaves_the_newest_one_that_kernels_know() -> N
     pair.slave.poll()
     assert pair.slave.statistics.rejected == {"late": 1}
     assert newest["target"][0] == -2.0
+
+
+def test_a_model_that_is_refused_leaves_the_newest_one_and_does_not_come_again() -> None:
+    pair = Pair()
+    pair.run(20)
+    newest = ModelMessage("kelvin-voigt", 1, 1, 0.0, k=1.0)
+    pair.slave.send(newest)
+    pair.slave.send(newest._replace(k=math.nan))
+    refused = pair.slave_tap.sent[-1]
+    pair.master.poll()
+    assert pair.master.model == newest
+    assert pair.master.statistics.rejected == {"not finite": 1}
+    pair.master_tap.injected.append(refused)
+    pair.master.poll()
+    assert pair.master.model == newest
+    assert pair.master.statistics.rejected == {"not finite": 1, "replay": 1}
 
 
 def test_a_packet_that_a_newer_one_overtook_is_not_refused() -> None:
