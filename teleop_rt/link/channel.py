@@ -54,6 +54,8 @@ MOST_WAITING = 20_000
 """More than a socket's buffer holds: so many are dropped at most, also while others come."""
 HELLO_PERIOD_NS = 100_000_000
 """Time between two Hellos without an answer."""
+_PAIR = 2
+"""Packets of a slave's tick with a model: it sends that and a state."""
 NOTICES_PER_S = 10
 """Rate of messages about refused packets: a flood must not fill the log."""
 _DATA: dict[Role, frozenset[int]] = {
@@ -109,6 +111,7 @@ class Endpoint(EndpointState):
         self._unsigned = self._numbers.cast("B").cast("Q")
         self.clock = PeerClock(one_way_max_ns)
         self.taken_by: str | None = None
+        self._is_ahead = False
         self.statistics = Statistics()
         self._udp = transport if isinstance(transport, UdpTransport) else None
         self._door: PacketDoor | None = None
@@ -123,9 +126,12 @@ class Endpoint(EndpointState):
     def poll(self) -> None:
         """Take in arrived packets, a bounded number of them, and keep the session alive.
 
-        Where one packet waits and is expected, or none waits, a kernel finds that out.
+        Where one packet waits and is expected, or none waits, a kernel finds that out. The
+        `fresh_...` flags show packets that were taken in ahead of it, too.
         """
-        self.fresh_motion = self.fresh_state = False
+        if not self._is_ahead:
+            self.fresh_motion = self.fresh_state = False
+        self._is_ahead = False
         now_ns, sessions = self._now_ns(), self.sessions
         if not self._take_waiting(now_ns):
             self._poll_transport(now_ns)
@@ -135,11 +141,15 @@ class Endpoint(EndpointState):
             self._call(self._caller, now_ns)
 
     def take_ahead(self) -> None:
-        """Take in the one packet that nearly always waits, ahead of the next poll.
+        """Take in the one packet that nearly always waits, or a state and a model, before a poll.
 
-        Whatever else has come is that poll's. The `fresh_...` flags do not show this packet then.
+        Whatever else has come is that poll's.
         """
-        self._take_waiting(self._now_ns())
+        if not self._is_ahead:
+            self.fresh_motion = self.fresh_state = False
+        self._is_ahead, now_ns = True, self._now_ns()
+        if not self._take_waiting(now_ns):
+            self._take_pair(now_ns)
 
     def _take_waiting(self, now_ns: int) -> bool:
         """Take in the only packet that waits, if it is expected; false where more is to be done."""
@@ -159,6 +169,19 @@ class Endpoint(EndpointState):
             udp.take_up(door.received)
             return False
         return True
+
+    def _take_pair(self, now_ns: int) -> None:
+        """Take in two packets, if no more wait, up to one that is not expected."""
+        udp, session = self._udp, self.sessions.current
+        if udp is None or session is None or udp.held != _PAIR:
+            return
+        for _ in range(_PAIR):
+            packet = udp.next_held()
+            if not self._is_expected(packet, session.signed_id, self._kinds):
+                return
+            udp.receive()
+            self._try_expected(session, packet, now_ns)
+        udp.receive()  # nothing: it learns that it is empty
 
     def _poll_transport(self, now_ns: int) -> None:
         """Take in arrived packets, one by one."""

@@ -157,6 +157,18 @@ class UdpTransport:
         self.is_empty = self._next == self._count == _AT_ONCE
         if self._names[at * _NAME_WORDS] != self.name:
             self._meet(at)
+        return self._packet(at)
+
+    @property
+    def held(self) -> int:
+        """How many datagrams `receive` returns before it asks the system."""
+        return self._count - self._next
+
+    def next_held(self) -> bytes:
+        """Return the datagram that `receive` returns next, of those that are `held`."""
+        return self._packet(self._next)
+
+    def _packet(self, at: int) -> bytes:
         packets, place = self.packets, at * MAX_DATAGRAM
         return bytes(packets.memory[place : place + packets.lengths[at]])
 

@@ -199,7 +199,8 @@ def master_main(
         reported = link_reported(lambda: endpoint.trouble_code(time.monotonic_ns()), side.emit)
     try:
         with reported:
-            run_loop(RealClock(master.period_ns), master.cycle, should_stop)
+            clock = RealClock(master.period_ns, ahead=endpoint.take_ahead)
+            run_loop(clock, master.cycle, should_stop)
     finally:
         master.close()
     return master.outcome()

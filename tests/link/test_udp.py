@@ -10,10 +10,11 @@ import pytest
 from teleop_rt.errors import FAULT
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import shared_key
-from teleop_rt.link.messages import MotionMessage, StateMessage
+from teleop_rt.link.messages import ModelMessage, MotionMessage, StateMessage
 from teleop_rt.link.transport import LinkError, UdpTransport
 
 KEYS = shared_key(bytes(range(32)))
+MODEL = ModelMessage("kelvin-voigt", 1, 1, 0.0, k=1.0)
 
 
 class Clock:
@@ -178,6 +179,59 @@ def test_several_packets_ahead_of_a_poll_are_left_for_it_and_none_is_lost(
     slave.poll()
     assert slave.motion == MotionMessage(0.75, 0.0, 0, engaged=True)
     assert (slave.statistics.received, sum(slave.statistics.rejected.values())) == (3, 2)
+
+
+def test_a_state_and_a_model_are_taken_ahead_and_the_next_poll_takes_what_follows(ends) -> None:
+    master, slave, at_master, at_slave = ends
+    led_once(master, slave, at_slave)
+    states = [StateMessage(x, 1.0, 0, in_contact=False) for x in (0.25, 0.5, 0.75)]
+    slave.send(states[0])
+    wait_for(at_master)
+    master.poll()
+    slave.send(MODEL)
+    slave.send(states[1])
+    wait_for(at_master)
+    master.take_ahead()
+    assert (master.model, master.state) == (MODEL, states[1])
+    slave.send(states[2])
+    wait_for(at_master)
+    master.poll()
+    assert master.state == states[2]
+    assert master.statistics.rejected == {}
+
+
+def test_a_state_taken_ahead_is_fresh_in_the_next_poll_and_in_no_other(ends) -> None:
+    master, slave, at_master, at_slave = ends
+    led_once(master, slave, at_slave)
+    for model in (None, MODEL, None):
+        if model is not None:
+            slave.send(model)
+        slave.send(StateMessage(0.25, 1.0, 0, in_contact=False))
+        wait_for(at_master)
+        master.take_ahead()
+        master.take_ahead()
+        master.poll()
+        assert master.fresh_state
+        master.poll()
+        assert not master.fresh_state
+        master.take_ahead()
+        master.poll()
+        assert not master.fresh_state
+
+
+def test_of_two_packets_a_strange_one_is_left_for_the_poll(ends) -> None:
+    master, slave, _, at_slave = ends
+    led_once(master, slave, at_slave)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        master.send(MotionMessage(0.5, 0.0, 0, engaged=True))
+        stranger.sendto(b"hello", ("127.0.0.1", at_slave.port))
+        wait_for(at_slave)
+        slave.take_ahead()
+        assert slave.motion == MotionMessage(0.5, 0.0, 0, engaged=True)
+        assert slave.statistics.rejected == {}
+        slave.poll()
+    assert sum(slave.statistics.rejected.values()) == 1
+    assert slave.motion == MotionMessage(0.5, 0.0, 0, engaged=True)
 
 
 def test_nothing_is_taken_ahead_before_a_session_stands() -> None:
