@@ -234,6 +234,9 @@ def test_a_user_file_is_used_again_by_another_process_and_after_a_change(tmp_pat
         (USER_FILE.replace("{depth} deep", "{dept} deep"), "name only {grain}, {depth}"),
         (USER_FILE.replace("{depth} deep", "{depth:.2f} deep"), "without a format"),
         (USER_FILE.replace("max(x - eta[0], 0.0) ** 3", "1.0 / (x - 1e-3)"), "return a finite"),
+        (USER_FILE.replace("eta[0]", "eta[1]"), "beyond its arrays .*size 1.*one of each shape, 1"),
+        (USER_FILE.replace("return", "state[0] += x * dt; return"), "state_size=0 values"),
+        (USER_FILE.replace("return", "if v < 0.0: return eta[2]\n    return"), "size 1"),
     ],
 )  # fmt: skip
 def test_a_user_file_that_cannot_be_used_is_refused(
@@ -243,6 +246,14 @@ def test_a_user_file_that_cannot_be_used_is_refused(
     path.write_text(text)
     with pytest.raises(EffectError, match=message):
         load_file(path)
+
+
+def test_a_step_that_is_no_kernel_yet_is_compiled(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(USER_FILE.replace("@kernel\n", ""))
+    (effect,) = load_file(path)
+    row = np.full(1, 3.0)
+    assert run_step(effect, row, row, row, row, 1e-3, np.array([1.0]))[0] == 8.0
 
 
 def answer_with(parameters: dict[str, float]) -> dict[str, object]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import get_args
 
 import numpy as np
@@ -19,15 +20,26 @@ from teleop_rt.contact.effect import (
     Scale,
     Shape,
     Stage,
+    StepFunction,
+    Vector,
 )
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.errors import ExpectedError
+from teleop_rt.kernels.jit import kernel
 
 ENTRY_POINT_GROUP = "teleop_rt.effects"
 _CHOICES = {
     "family": Family, "belongs_to": BelongsTo, "stage": Stage, "compensation": Compensation,
     "acts": Acts,
 }  # fmt: skip
+_TRIED = (
+    (1e-3, 1e-2, 0.1), (1e-3, -1e-2, -0.1), (1e3, 1e-2, 0.1), (0.0, 0.0, 0.0), (-1e-3, 1e-2, 0.1),
+)  # fmt: skip
+"""Penetrations, velocities and accelerations at which a step is tried, in the rig's units.
+
+These are a press, a retreat, a press beyond each depth of a shape, rest, and free air: a step
+branches between them.
+"""
 
 
 class EffectError(ExpectedError):
@@ -67,10 +79,13 @@ def installed() -> tuple[Effect, ...]:
 
 
 def checked(place: str, declared: object) -> tuple[Effect, ...]:
-    """Return the declarations if each is sound and its step runs; raises EffectError."""
+    """Return the declarations, their steps compiled, if each is sound and its step runs.
+
+    Raises EffectError.
+    """
     if not isinstance(declared, tuple | list) or not declared:
         raise EffectError(f"{place}: no tuple of effects: write EFFECTS = (Effect(...),)")
-    taken = {(effect.name, effect.law) for effect in LIBRARY}
+    taken, sound = {(effect.name, effect.law) for effect in LIBRARY}, []
     for effect in declared:
         if not isinstance(effect, Effect):
             raise EffectError(
@@ -80,20 +95,54 @@ def checked(place: str, declared: object) -> tuple[Effect, ...]:
             raise EffectError(f"{place}: {effect.name} ({effect.law}) exists: take another law")
         taken.add((effect.name, effect.law))
         _refuse_misspelt(place, effect)
-        eta = np.array([shape.start for shape in effect.shapes] or [0.0])
+        sound.append(_tried(place, effect))
+    return tuple(sound)
+
+
+def _tried(place: str, effect: Effect) -> Effect:
+    """Return a declaration whose step is compiled and has run. Raises EffectError."""
+    _refuse_foreign_memory(place, effect)
+    if isinstance(effect.step, FunctionType):
+        effect = replace(effect, step=kernel(effect.step))
+    try:
+        value = effect.step(*_arrays(effect, *_TRIED[0]))
+    except Exception as error:
+        raise EffectError(
+            f"{place}: the step of {effect.name} fails: {error}: correct it for numbers"
+        ) from error
+    if not np.isfinite(value):
+        raise EffectError(
+            f"{place}: the step of {effect.name} starts with {value}: return a finite number"
+        )
+    return effect
+
+
+def _refuse_foreign_memory(place: str, effect: Effect) -> None:
+    """Raise EffectError for a step that uses more of `state` or `eta` than it declares.
+
+    Compiled, it would read and write memory beyond them; as Python, each index is checked. All
+    other errors are those of the compiled step, which is tried next.
+    """
+    python: StepFunction = getattr(effect.step, "py_func", effect.step)
+    for motion in _TRIED:
         try:
-            value = effect.step(
-                np.zeros(max(1, effect.state_size)), 1e-3, 1e-2, 0.1, 0.5, 1e-3, eta
-            )
-        except Exception as error:
+            python(*_arrays(effect, *motion))
+        except IndexError as error:
             raise EffectError(
-                f"{place}: the step of {effect.name} fails: {error}: correct it for numbers"
-            ) from error
-        if not np.isfinite(value):
-            raise EffectError(
-                f"{place}: the step of {effect.name} starts with {value}: return a finite number"
-            )
-    return tuple(declared)
+                f"{place}: the step of {effect.name} goes beyond its arrays ({error}): state has"
+                f" state_size={effect.state_size} values, eta one of each shape,"
+                f" {len(effect.shapes)}: declare all that it uses"
+            ) from None
+        except Exception:  # noqa: BLE001 - see above
+            return
+
+
+def _arrays(
+    effect: Effect, x: float, v: float, a: float
+) -> tuple[Vector, float, float, float, float, float, Vector]:
+    """Return the arguments of a step at a motion [rig units], 0.5 s into it, ticks of 1 ms."""
+    eta = np.array([shape.start for shape in effect.shapes])
+    return np.zeros(effect.state_size), x, v, a, 0.5, 1e-3, eta
 
 
 def _refuse_misspelt(place: str, effect: Effect) -> None:
