@@ -1,4 +1,4 @@
-"""Standard output whose reader may go away: unread lines are nobody's fault."""
+"""Standard output whose reader may go away, or know few characters: nobody's fault."""
 
 from __future__ import annotations
 
@@ -10,12 +10,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Self, TextIO
 
+_PLAIN = str.maketrans({"±": "+-", "✓": "+", "✕": "x", "–": "-", "→": "->", "µ": "u", "²": "^2"})
+"""Stand-ins for characters that an encoding may lack; others become a question mark."""
 REWRITTEN_S = 0.5
 """Period of a line that shows how long a measurement goes on [s]."""
 
 
 class _ForgivingOutput:
-    """Passes text on; once the reader has gone, to nowhere."""
+    """Passes text on; once the reader has gone, to nowhere.
+
+    Characters that its encoding lacks (ASCII, Latin-1) are replaced, so that no result is lost.
+    """
 
     def __init__(self, output: TextIO) -> None:
         self._output = output
@@ -24,6 +29,9 @@ class _ForgivingOutput:
         """Write text."""
         try:
             return self._output.write(text)
+        except UnicodeEncodeError as error:
+            plain = text.translate(_PLAIN).encode(error.encoding, "replace")
+            return self.write(plain.decode(error.encoding))
         except BrokenPipeError:
             self._to_nowhere()
             return len(text)

@@ -5,6 +5,7 @@ import os
 import re
 import resource
 import socket
+import subprocess
 import sys
 from pathlib import Path
 
@@ -129,6 +130,31 @@ def test_a_disk_that_takes_no_trial_ends_the_run_with_one_message(call, tmp_path
     code, out, err = call("run", SILICONE, "--clock", "simulated", "--out", tmp_path / "here")
     assert (code, out) == (1, "")
     assert err.startswith("a result: cannot be written: File too large: make room")
+
+
+def test_a_disk_that_is_full_gets_no_part_of_a_key_or_of_a_rig(call, tmp_path, files_end_at):
+    files_end_at(20)
+    key, rig = tmp_path / "link.key", tmp_path / "rig.yaml"
+    code, out, err = call("keygen", key)
+    assert (code, out) == (2, "")
+    assert err == f"{key}: cannot write the key: File too large: make room\n"
+    devices = ("--drive", "odrive", "--adapter", "socketcan", "--sensor", "drive")
+    code, out, err = call("new-rig", rig, *devices)
+    assert (code, out) == (1, "")
+    assert "File too large: make room" in err
+    assert "recording" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_an_output_of_few_characters_gets_stand_ins_for_the_others(encoding):
+    text = "k = 3600 ± 0.28 N/m ✓ – 漢"
+    script = f"from teleop_rt.terminal import pipe_that_may_close as p\nwith p(): print({text!r})"
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, check=True, env=environment
+    )
+    assert done.stdout == b"k = 3600 +- 0.28 N/m + - ?\n"
 
 
 def test_a_disk_that_is_full_at_the_summary_loses_none_of_it(

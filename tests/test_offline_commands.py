@@ -152,7 +152,8 @@ def test_what_is_written_of_recordings_of_one_name_is_kept_apart(call, tmp_path)
         t, position, force = press(noise=0.2)
         write_csv(folder / "a.csv", t, position, gain * force)
     files = [folder / "a.csv" for folder in folders]
-    code, _, err = call("diagnose", *files, "--surface", "0.010", "--out", "given", *ALONE)
+    code, out, err = call("diagnose", *files, "--surface", "0.010", "--out", "given", *ALONE)
+    assert out.splitlines()[-1] == "files in given"
     assert (code, err.splitlines()) == (
         0,
         [f"no page: `{install_command('report')}` adds it to the next one"],

@@ -204,12 +204,12 @@ def test_what_the_system_refuses_to_write_is_named_with_its_reason(call, tmp_pat
     recording, place = write_csv(tmp_path / "a.csv", *press()), tmp_path / "full"
 
     def refused(*_given):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(work, "write_diagnosis", refused)
     code, out, err = call("diagnose", recording, "--surface", "0.010", "--out", place)
     assert (code, out) == (2, "")
-    assert f"{place}: cannot be read or written: No space left on device" in err
+    assert f"{place}: cannot be made or written: No space left on device: name another" in err
 
 
 def test_a_held_out_record_in_other_units_is_refused_or_asked_about(call, tmp_path):

@@ -151,11 +151,11 @@ def write_rig(file: Path, text: str) -> None:
     """
     refuse_existing([file])
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(text, encoding="utf-8")
     try:
+        file.write_text(text, encoding="utf-8")
         found = [one for one in check_rig(load_rig(file, AXIS_SCHEMAS)) if one.severity == "error"]
     except BaseException:
-        file.unlink()
+        file.unlink(missing_ok=True)
         raise
     if found:
         file.unlink()

@@ -199,8 +199,7 @@ def main() -> None:
             raise
         where = "a result" if error.filename is None else error.filename
         print(
-            f"{where}: cannot be written: {error.strerror}: make room, or write to another disk;"
-            " the recording is kept, and `teleop-rt report` makes a run's summary from it",
+            f"{where}: cannot be written: {error.strerror}: make room, or write to another disk",
             file=sys.stderr,
         )
         sys.exit(FAULT)

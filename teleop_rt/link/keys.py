@@ -62,6 +62,7 @@ def generate_key(path: Path, operator: str | None = None) -> None:
             f"{operator!r} is not a valid name: use up to 32 letters, digits, . _ or -"
         )
     refuse_existing([path])
+    key = secrets.token_hex(KEY_BYTES)
     try:
         path.touch(mode=0o600, exist_ok=False)
     except OSError as error:
@@ -70,8 +71,11 @@ def generate_key(path: Path, operator: str | None = None) -> None:
         raise KeyFileError(
             f"{path}: cannot create the key file: {reason}: name a file in a folder of yours"
         ) from error
-    key = secrets.token_hex(KEY_BYTES)
-    path.write_text(f"{key if operator is None else f'{operator} {key}'}\n", encoding="ascii")
+    try:
+        path.write_text(f"{key if operator is None else f'{operator} {key}'}\n", "ascii")
+    except OSError as error:
+        path.unlink()  # a full disk keeps an empty file, which is no key
+        raise KeyFileError(f"{path}: cannot write the key: {error.strerror}: make room") from error
 
 
 def default_key() -> Path:

@@ -125,6 +125,8 @@ def each(
                 _print(result, show, as_json=as_json)
     if keep is not None:
         _write_answers(keep / ANSWERS, results)
+    if out is not None and not as_json and len(bad) < len(results):
+        print(f"files in {out}")
     if bad:
         _report_bad(bad, len(cases))
         raise typer.Exit(FAULT if FAULT in bad.values() else BAD_INPUT)

@@ -22,6 +22,7 @@ from teleop_rt.offline.replay import Choice, replay, write_trace
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.weak_force import weak_force
 from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.outputs import unwritable
 from teleop_rt.realtime.scheduling import give_back_compiler
 from teleop_rt.recordings.excerpt import most_active
 from teleop_rt.recordings.memory import return_large_arrays
@@ -144,8 +145,11 @@ class Diagnosing:
         if self.out is not None:
             enter("writing page and model")
             folder = self._folder(name)
-            write_draft(found, loaded, folder, unseen, self.surface, self.effects)
-            write_diagnosis(found, loaded, path, folder)
+            try:
+                write_draft(found, loaded, folder, unseen, self.surface, self.effects)
+                write_diagnosis(found, loaded, path, folder)
+            except OSError as error:
+                raise unwritable(folder, error) from None
         del found.answer["seconds"]
         return {**found.answer, "recording": str(path)}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from teleop_rt.config.operator import DeviceOperator
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.trial.folder import TRUTH
+from teleop_rt.trial.summary_file import written_json
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
@@ -52,9 +52,11 @@ class Felt:
 
 
 def read_truth(folder: Path) -> Mapping[str, Any] | None:
-    """Return the truth that the simulated plant wrote; None where it wrote none."""
-    path = folder / TRUTH
-    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    """Return the truth that the simulated plant wrote; None where it wrote none, or no whole one.
+
+    Raises RecordingError where it may not be read.
+    """
+    return written_json(folder / TRUTH)
 
 
 def felt_force(

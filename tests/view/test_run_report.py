@@ -268,6 +268,21 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call,
     assert not (cut / "summary.json").exists()
 
 
+@pytest.mark.parametrize("left", ["", '{"trial": "sili', "null"])
+@pytest.mark.usefixtures("no_charts")
+def test_of_a_summary_and_a_truth_that_were_not_written_to_their_end_the_recording_reports(
+    stopped, call, tmp_path, left
+):
+    """As after a power failure, or in a copy on a full disk."""
+    folder = tmp_path / "copied"
+    shutil.copytree(stopped, folder)
+    for name in ("summary.json", "truth.json"):
+        (folder / name).write_text(left)
+    assert call("report", folder)[0] == 0
+    assert "this summary uses only the recording" in first_screen(folder)
+    assert "cut off: no summary" in call("runs", folder)[1]
+
+
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
@@ -275,7 +290,6 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call,
         (lambda f: (f / "recording.mcap").unlink(), "a folder without recording.mcap"),
         (lambda f: (f / "recording.mcap").write_bytes(b""), "recording.mcap: is empty"),
         (lambda f: (f / "recording.mcap").write_bytes(b"text"), "not an MCAP recording"),
-        (lambda f: (f / "summary.json").write_text("{"), "summary.json: cannot be read"),
         (lambda f: (f / "trial.yaml").write_text("a: 1"), "trial.yaml: not the trial of a run"),
     ],
 )
