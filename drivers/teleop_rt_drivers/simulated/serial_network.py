@@ -76,8 +76,9 @@ SIMULATED: dict[str, MakeDevice] = {
     "force_drive_answer": _force_drive,
 }
 """Which device speaks a format."""
-LONGEST_ANSWERING_NS = 20_000_000
-"""So long at most a kernel answers before a signal and the true motion are looked at."""
+LONGEST_ANSWERING_NS = 50_000_000
+"""So long at most a kernel answers before a signal and the true motion are looked at: Python
+takes as long as several answers each time, and a live page gets the motion 20 times a second."""
 
 
 NO_DESCRIPTOR = -1
