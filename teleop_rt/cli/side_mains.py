@@ -254,6 +254,8 @@ def _side(
         ):
             write_trial(folder, trial)
             yield Side(trial, around.ring_folder, folder, emit, around)
+        if not as_json:
+            print(f"files in {folder}", flush=True)
 
 
 def _can_meet(trial: TrialConfig, trial_file: Path) -> None:

@@ -242,9 +242,9 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
     """Return the numbers of a table with empty, quoted or other cells: ten times slower.
 
     The first cell that is a text and no number is printed, and how many there are: they count as
-    missing. Columns of texts alone are not, and lines that repeat the names are left out. Raises
-    ValueError naming the first line with another number of fields, and where both marks of decimals
-    occur.
+    missing. Columns of texts alone are not, and lines that repeat the names are left out, as is a
+    last line that a logger which ended could not complete. Raises ValueError naming the first line
+    with another number of fields, and where both marks of decimals occur.
     """
     numbers, texts, marks = array("d"), [], set()
     again = 0
@@ -254,6 +254,10 @@ def _by_cells(text: _Text) -> NDArray[np.float64]:
             if not row.strip():
                 continue
             cells = _cells(row, text.delimiter)
+            if len(cells) < len(text.names) and not line.endswith("\n"):
+                print(f"{text.path}: line {number}, the last one, is cut off, and left out",
+                      file=sys.stderr)  # fmt: skip
+                break
             if len(cells) != len(text.names):
                 raise TableError(
                     f"line {number} has {len(cells)} fields, not {len(text.names)}: complete it,"

@@ -99,6 +99,22 @@ def test_a_column_in_a_foreign_unit_is_refused_for_its_unit(
     assert "--columns position=position_ft" in str(raised.value)
 
 
+@pytest.mark.parametrize("kept", ["0.5", "0.5,", "0.5,0.0"])
+def test_a_last_line_that_a_logger_could_not_complete_is_left_out_and_named(
+    tmp_path: Path, pressed: dict[str, np.ndarray], kept: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_csv(tmp_path / "cut.csv", pressed)
+    whole = load(path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, kept]))
+    assert np.array_equal(load(path).force, whole.force)
+    expected = f"line {len(lines) + 1}, the last one, is cut off, and left out"
+    assert expected in capsys.readouterr().err
+    path.write_text("\n".join([*lines[:-1], kept, lines[-1]]))
+    with pytest.raises(RecordingError, match="complete it"):
+        load(path)
+
+
 def test_lines_of_another_length_are_reported_in_few_words(
     tmp_path: Path, pressed: dict[str, np.ndarray]
 ) -> None:

@@ -68,6 +68,7 @@ def test_a_daemon_lives_takes_commands_keeps_its_fault_and_ends(lab):
     out, errors = daemon.communicate()
     assert daemon.returncode == (1 if "stopped:" in errors else 0), errors
     assert "slave: done" in out
+    assert out.splitlines()[-1] == f"files in {lab.folder / 'slave'}"
     summary = json.loads((lab.folder / "slave" / "summary.json").read_text())
     assert summary["recorder"]["alarm"] == ""
     listed = lab.call("runs", lab.folder / "slave", "--json")[1]
