@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_rt.config.trial import TrialConfig
+from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
 from teleop_rt.realtime.alarms import of_helper, of_recorder
 from teleop_rt.realtime.ring_folder import describe, new_ring_folder
 from teleop_rt.service.keeper import kept
@@ -127,7 +128,9 @@ class PlainEvents:
         """Print an event; problems are printed at the end of the program."""
         if event == "problem":
             return
-        lines = [_in_words(event, content), *(_rejected(content) if event == "done" else ())]
+        lines = [_in_words(event, content)]
+        if event == "done":
+            lines += [*_rejected(content), *_unheard(content)]
         for line in lines:
             print(f"{self._side}: {line}", flush=True)
 
@@ -140,6 +143,12 @@ def _rejected(outcome: Mapping[str, Any]) -> list[str]:
     reasons = link.get("rejected_by_reason") or {}
     counted = ", ".join(f"{count} for {reason}" for reason, count in reasons.items() if count)
     return [f"{link['rejected']} packets were rejected: {counted}"]
+
+
+def _unheard(outcome: Mapping[str, Any]) -> list[str]:
+    """Return a line of a slave to which no packet came: its loop prints nothing while it runs."""
+    unheard = "safety" in outcome and outcome["link"]["received"] == 0
+    return [f"link: {TROUBLES[NOTHING_TROUBLE][1]}"] if unheard else []
 
 
 def _in_words(event: str, content: dict[str, Any]) -> str:

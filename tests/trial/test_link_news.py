@@ -48,3 +48,12 @@ def test_a_side_says_at_its_end_how_many_packets_it_rejected_and_why(reasons, sa
     link = {"rejected": sum(reasons.values()), "rejected_by_reason": reasons}
     PlainEvents("master")("done", link=link)
     assert capsys.readouterr().out.splitlines() == ["master: done", *said]
+
+
+@pytest.mark.parametrize(("received", "said"), [(0, 1), (3, 0)])
+def test_a_slave_to_which_nothing_came_names_the_checks_at_its_end(received, said, capsys):
+    safety = {"state": "DISARMED", "fault": {"name": "none"}}
+    link = {"received": received, "rejected": 0}
+    PlainEvents("slave")("done", link=link, safety=safety, missed_ticks=0)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1:] == said * [f"slave: link: {TROUBLES[NOTHING_TROUBLE][1]}"]
