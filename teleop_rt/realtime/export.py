@@ -7,7 +7,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -280,10 +280,12 @@ def parquet_writer() -> Callable[[Path, Mapping[str, NDArray[np.generic]]], None
 
 @contextmanager
 def _written(path: Path) -> Iterator[None]:
-    """Raise OutputError with the cause if a file cannot be written."""
+    """Raise RecordingError with the cause if a new file cannot be written; no part of it stays."""
     try:
         yield
     except OSError as error:
+        with suppress(OSError):
+            path.unlink()
         raise RecordingError(
             f"{path}: cannot be written: {error.strerror}: name a file in a folder that is there"
             " and has room"

@@ -1,4 +1,5 @@
 import csv
+import resource
 from contextlib import closing
 
 import numpy as np
@@ -109,6 +110,17 @@ def test_what_is_exported_is_read_back_as_it_was_recorded(tmp_path_factory, data
     with pytest.raises(OutputError, match=r"slave\.columns\.yaml: already exists"):
         export(folder / "r.mcap", folder / "slave.csv", "/slave")
     assert not (folder / "slave.csv").exists()
+
+
+def test_a_disk_that_is_full_keeps_no_part_of_a_table(recording, tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40, before[1]))
+    try:
+        with pytest.raises(RecordingError, match="cannot be written: File too large"):
+            export(recording, tmp_path / "part.csv", "/slave")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not (tmp_path / "part.csv").exists()
 
 
 def test_an_unknown_topic_or_kind_of_file_is_reported_with_what_there_is(recording, tmp_path):
