@@ -107,8 +107,8 @@ def test_dry_friction_that_differs_by_direction_is_found_with_both_its_sizes() -
 
 def test_friction_by_direction_does_not_hide_a_bias_beside_even_friction() -> None:
     moving = rubbed("tones", 0.05, 0.05, 0.02)
-    assert moving["verdict"] == "class"
-    assert ["coulomb_friction", "force_bias"] in moving["class"]
+    assert moving["verdict"] in {"named", "class"}
+    assert ["coulomb_friction", "force_bias"] in map(sorted, moving["class"])
     assert rubbed("tones", 0.0, 0.0, 0.02)["class"] == [["force_bias"]]
 
 

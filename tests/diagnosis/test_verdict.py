@@ -140,12 +140,14 @@ def test_a_larger_law_at_its_bound_is_another_form_of_its_special_case(
     assert names(judged(9000.0, at_bound=larger, **left)) == [larger]
 
 
-def test_a_law_at_its_bound_is_not_named_beside_one_that_explains_as_much() -> None:
+def test_a_law_at_its_bound_comes_behind_one_that_explains_as_much() -> None:
     """Hysteresis at its sharpest took the rest of the error of a friction behind a spring."""
     excess = 1e5
     friction, far = (0.004 * excess, 0.0), (0.006 * excess, 0.0)
     named = partial(judged, excess, at_bound="hysteresis", hysteresis=(0.0, 0.0))
-    assert names(named(coulomb_friction=friction)) == ["coulomb_friction"]
+    both = named(coulomb_friction=friction)
+    assert names(both) == ["coulomb_friction", "hysteresis"]
+    assert 0.01 < likelihoods(both)["coulomb_friction"] < 0.5
     assert names(named(coulomb_friction=far)) == ["hysteresis"]
     assert names(judged(excess, hysteresis=(0.0, 0.0), coulomb_friction=friction)) == ["hysteresis"]
 

@@ -89,6 +89,14 @@ def _presliding_by_direction(
 
 
 @kernel
+def _sliding_behind_spring_by_direction(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    state[0] = min(max(state[0] + v * dt / eta[0], -eta[1]), 1.0)
+    return float(state[0])
+
+
+@kernel
 def _sign_under_load(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -258,6 +266,14 @@ EFFECTS = (
         shapes=(_PRESLIDING, _BACKWARD),
         step=_presliding_by_direction,
         state_size=1,
+    ),
+    replace(
+        _BY_DIRECTION,
+        law="behind a spring, by direction",
+        shapes=(_PRESLIDING, _BACKWARD),
+        step=_sliding_behind_spring_by_direction,
+        state_size=1,
+        extends="behind a spring",
     ),
     _UNDER_LOAD,
     replace(

@@ -151,7 +151,7 @@ def _judged(
     ranked = [rank(fit) for fit in singles]
     enter("trying sets of effects")
     sets, ranked = needed_sets(rank, left, ranked, library)
-    if (quieter := _quieter(problem, alone, ranked, sets)) is not None:
+    if (quieter := _quieter(problem, alone, ranked, sets, library)) is not None:
         problem, alone, singles = quieter
         rank, left, alone = _ranking(problem, alone, errors, step)
         ranked = [rank(fit) for fit in singles]
@@ -195,7 +195,11 @@ def _ranking(
 
 
 def _quieter(
-    problem: Problem, alone: Fit, singles: list[Ranked], sets: list[Ranked]
+    problem: Problem,
+    alone: Fit,
+    singles: list[Ranked],
+    sets: list[Ranked],
+    library: tuple[Effect, ...],
 ) -> tuple[Problem, Fit, list[Fit]] | None:
     """Return problem, base and single effects with the noise of the likeliest set.
 
@@ -204,7 +208,7 @@ def _quieter(
     if not sets:
         return None
     best = min(sets, key=lambda r: r.fit.bic)
-    return with_noise_of(problem, alone, [r.fit for r in singles], best.fit)
+    return with_noise_of(problem, alone, [r.fit for r in singles], library, best.fit)
 
 
 def _complete(judgement: Judgement) -> bool:

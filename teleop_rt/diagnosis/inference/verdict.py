@@ -65,10 +65,12 @@ def _tolerance(closest: Ranked, excess: float, floor: float) -> float:
 
     The misfit of the closest law limits the comparison, and differences below half a percent of
     the excess do not count. If the closest law leaves no structure, or is a set of three effects or
-    more, which leaves next to nothing, only its misfit counts.
+    more, which leaves next to nothing, only its misfit counts; not if a shape of it lies at a
+    bound, where it takes the error of another law's form.
     """
     misfit = max(closest.left.excess, 0.0)
-    if _is_larger(closest) or not leaves_structure(closest.left, floor):
+    complete = not leaves_structure(closest.left, floor) and not closest.at_bound
+    if _is_larger(closest) or complete:
         return misfit
     return max(misfit, SAME_SHARE * excess)
 
@@ -123,22 +125,6 @@ def without_empty_extensions(candidates: list[Ranked], excess: float) -> list[Ra
         return all(ranked.gain - plain.gain > least for plain in simpler if plain is not None)
 
     return [r for r in candidates if gains_over_simpler(r)]
-
-
-def without_laws_at_bounds(candidates: list[Ranked], excess: float) -> list[Ranked]:
-    """Return the candidates without laws at a bound beside others that explain as much.
-
-    A shape at a bound takes the error of another law's form, or of the motion. Of another set with
-    no more effects and all shapes within their bounds, a difference below half a percent of the
-    excess (`SAME_SHARE`) is such an error.
-    """
-    free = [r for r in candidates if not r.at_bound]
-
-    def surpassed(ranked: Ranked) -> bool:
-        least, most = ranked.gain - SAME_SHARE * excess, len(ranked.fit.names)
-        return any(r.gain > least and len(r.fit.names) <= most for r in free)
-
-    return [r for r in candidates if not r.at_bound or not surpassed(r)]
 
 
 def by_merit(candidates: list[Ranked], excess: float, floor: float) -> list[Ranked]:
@@ -221,7 +207,6 @@ def judge(
     closest = min([*sets, *sure], key=lambda r: r.fit.bic, default=best_single)
     excess = excess_of(base, closest)
     singles, sets = (without_empty_extensions(found, excess) for found in (singles, sets))
-    singles, sets = (without_laws_at_bounds(found, excess) for found in (singles, sets))
     sure = [r for r in sure if r in singles]
     sure, candidates = by_merit(sure, excess, floor), by_merit([*sets, *sure], excess, floor)
     most = max((r.gain for r in candidates), default=0.0)
@@ -247,6 +232,7 @@ def judge(
         if near[0].lacks_named_property:
             return Judgement("unexplained", (), None, excess, floor=floor)
         near = tuple(r for r in near if not r.lacks_named_property)
+        near = tuple(sorted(near, key=lambda r: bool(r.at_bound)))
         verdict: Verdict = "named" if len(near) == 1 else "class"
         return Judgement(verdict, near, None, excess, reach, floor)
     return replace(_partial_or_unexplained(sure, excess), floor=floor)

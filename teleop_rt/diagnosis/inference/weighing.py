@@ -9,7 +9,7 @@ import numpy as np
 
 from teleop_rt.contact.effect import Effect
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
-from teleop_rt.diagnosis.inference.laws import by_other_laws
+from teleop_rt.diagnosis.inference.laws import by_other_laws, extended
 from teleop_rt.diagnosis.inference.one_more import (
     MOST_EFFECTS,
     coarse_one_more,
@@ -55,14 +55,14 @@ def weigh_singles(
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     plausible = worth_extending(alone, singles)
     problem, fast = (without_impacts(one, plausible) for one in (problem, fast))
-    problem, alone, singles = _with_settled_noise(problem, alone, singles)
+    problem, alone, singles = _with_settled_noise(problem, alone, singles, library)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_WHITE_FITS])
         base, *louder = [fast.solve(f.model, f.zeta, f.theta) for f in fits]
         for number in range(2, MOST_EFFECTS + 1):
             before = float(np.mean(problem.whitener.density))
             larger = coarse_one_more(fast, base, louder, library)[:_WHITE_FITS]
-            problem, alone, singles = _with_better_noise(problem, alone, singles, larger)
+            problem, alone, singles = _with_better_noise(problem, alone, singles, library, larger)
             falls = np.mean(problem.whitener.density) < _FALLING_POWER_RATIO * before
             if not larger or not _looks_red(problem, fast) or (number > 2 and not falls):
                 break
@@ -71,17 +71,17 @@ def weigh_singles(
 
 
 def with_noise_of(
-    problem: Problem, alone: Fit, singles: list[Fit], best: Fit
+    problem: Problem, alone: Fit, singles: list[Fit], library: tuple[Effect, ...], best: Fit
 ) -> tuple[Problem, Fit, list[Fit]] | None:
     """Return problem, base and single effects with the noise of a set, None if it is no less."""
     fresh = noise_from(problem, best)
     if np.mean(fresh.density) > _FALLING_POWER_RATIO * np.mean(problem.whitener.density):
         return None
-    return _with_better_noise(problem, alone, singles, [best])
+    return _with_better_noise(problem, alone, singles, library, [best])
 
 
 def _with_settled_noise(
-    problem: Problem, alone: Fit, singles: list[Fit]
+    problem: Problem, alone: Fit, singles: list[Fit], library: tuple[Effect, ...]
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Estimate the noise from the likeliest candidate's residual until its power stops falling.
 
@@ -90,7 +90,7 @@ def _with_settled_noise(
     """
     for _ in range(_NOISE_ROUNDS):
         before = float(np.mean(problem.whitener.density))
-        problem, alone, singles = _with_better_noise(problem, alone, singles)
+        problem, alone, singles = _with_better_noise(problem, alone, singles, library)
         if float(np.mean(problem.whitener.density)) > _FALLING_POWER_RATIO * before:
             break
         fresh = noise_from(problem, singles[0])
@@ -125,12 +125,17 @@ def _with_own_parameters(problem: Problem, fit: Fit) -> Fit:
 
 
 def _with_better_noise(
-    problem: Problem, base: Fit, singles: list[Fit], sets: Sequence[Fit] = ()
+    problem: Problem,
+    base: Fit,
+    singles: list[Fit],
+    library: tuple[Effect, ...],
+    sets: Sequence[Fit] = (),
 ) -> tuple[Problem, Fit, list[Fit]]:
     """Return problem, base and single effects with the noise of the likeliest candidate.
 
     Each candidate's likelihood uses the noise from its own residual. The `sets` only provide that
-    noise.
+    noise. Louder noise may have hidden an extension of the likeliest effect's law: that a friction
+    differs by direction is a slow force.
     """
     found = [_with_own_parameters(problem, fit) for fit in sets]
     tried = [base, *singles[:_NOISE_CANDIDATES], *found]
@@ -148,5 +153,6 @@ def _with_better_noise(
     least = min(fit.chi2 for fit in again)
     near = least + _POLISHED_SHARE * (base.chi2 - least)
     again = [polished(problem, fit) if fit.chi2 < near else fit for fit in again]
+    again += extended(problem, min(again, key=lambda fit: fit.bic), library)
     again += [problem.solve(fit.model, fit.zeta, fit.theta) for fit in singles[_NOISE_CANDIDATES:]]
     return problem, base, best_by_name(again)
