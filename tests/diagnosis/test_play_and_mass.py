@@ -7,7 +7,7 @@ import pytest
 from cases import cases
 
 from teleop_rt.contact.effects import LIBRARY
-from teleop_rt.contact.effects.kinematics import BEYOND_THE_MASS
+from teleop_rt.contact.effects.joints import BEYOND_THE_MASS
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.models.base import base_of

@@ -9,6 +9,7 @@ from teleop_rt.contact.effects import (
     damping,
     friction,
     hysteresis,
+    joints,
     kinematics,
     relaxation,
     ripple,
@@ -21,6 +22,7 @@ from teleop_rt.contact.effects import (
 
 LIBRARY: tuple[Effect, ...] = (
     *kinematics.EFFECTS,
+    *joints.EFFECTS,
     *stiffening.EFFECTS,
     *second_layer.EFFECTS,
     *softening.EFFECTS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from teleop_rt.contact.effect import OF_THE_SPRING, Effect
 from teleop_rt.contact.effects.friction import UNDER_LOAD
-from teleop_rt.contact.effects.kinematics import BEYOND_THE_MASS
+from teleop_rt.contact.effects.joints import BEYOND_THE_MASS
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
