@@ -87,7 +87,7 @@ def test_a_joint_that_seats_behind_a_held_specimen_is_a_compliance(friction: flo
     give = np.sign(pressed) * 4e-6 * 25.0 * (1.0 - np.exp(-np.abs(pressed) / 25.0))
     speed = np.gradient(SMOOTH_M, T_S)
     force = seated(SMOOTH_M, 1e5, give, pressed) + 60.0 * speed + friction * np.tanh(speed / 2e-5)
-    answer = diagnosed(SMOOTH_M, force, 0.4).answer
+    answer = diagnosed(SMOOTH_M, force, 0.8).answer
     truth = ["coulomb_friction", "series_compliance"] if friction else ["series_compliance"]
     assert sorted(answer["class"][0]) == truth
     assert answer["verdict"] in {"named", "class"}

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
@@ -36,6 +37,7 @@ from teleop_rt.recordings.rows import force_noise, robust_deviation, stretches, 
 Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
 """The samples that an answer uses."""
 _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impact
+_IMPACT_RATIO = 1.5  # of the error elsewhere, at the closings of a play; less is no impact
 _IMPACT_SAMPLES = 3  # left out on either side: filters of the sensor spread an impact
 _FADING_PART = 5  # part of a recording (a fifth) in which memories of earlier contact fade
 _FEWEST_OF_A_CUBIC = 2  # samples on either side that determine a cubic
@@ -209,21 +211,42 @@ def without_lone_samples(recording: Recording, problem: Problem, fit: Fit) -> Pr
 
 
 def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
-    """Return the problem without the samples at which one of the fits closes a play.
+    """Return the problem without the samples at which one of the fits closes a play with an impact.
 
     The tip's velocity jumps there. The force of mass and damper passes between two samples, or the
-    sensor spreads it over several; a recording does not show which.
+    sensor spreads it over several; a recording does not show which. A play about a rest closes at
+    two places alone, and these are left out only if the fit leaves more there than elsewhere.
     """
     mask = problem.whitener.mask.copy()
     for fit in fits:
-        if any(e.compensation == "mask" for e in fit.model.effects):
-            slip = slip_of(fit.model, problem.motion, fit.zeta, fit.theta)
-            least = _IMPACT_SPEED * problem.motion.scales["speed"]
-            # Within the play the slip changes with the drive's speed, without an impact.
-            ends = np.diff(slip > least) & (np.abs(np.diff(slip)) > least)
-            for place in np.flatnonzero(ends):
-                mask[max(place - _IMPACT_SAMPLES, 0) : place + _IMPACT_SAMPLES + 2] = 0.0
+        plays = [e for e in fit.model.effects if e.compensation == "mask"]
+        if not plays:
+            continue
+        closing = _closings(problem, fit)
+        if any(play.state_size for play in plays) or _leaves_more(problem, fit, closing):
+            mask[closing] = 0.0
     return problem.keeping(mask)
+
+
+def _leaves_more(problem: Problem, fit: Fit, closing: NDArray[np.bool_]) -> bool:
+    """Return whether the residual of a fit is clearly larger at some samples than elsewhere."""
+    left, used = problem.residual(fit), problem.whitener.mask > 0.0
+    there, elsewhere = (left[used & some] for some in (closing, ~closing))
+    if not (there.size and elsewhere.size):
+        return False
+    return bool(np.std(there) > _IMPACT_RATIO * np.std(elsewhere))
+
+
+def _closings(problem: Problem, fit: Fit) -> NDArray[np.bool_]:
+    """Return the samples around each closing of a fit's plays."""
+    slip = slip_of(fit.model, problem.motion, fit.zeta, fit.theta)
+    least = _IMPACT_SPEED * problem.motion.scales["speed"]
+    # Within the play the slip changes with the drive's speed, without an impact.
+    ends = np.diff(slip > least) & (np.abs(np.diff(slip)) > least)
+    closing = np.zeros(slip.size, dtype=bool)
+    for place in np.flatnonzero(ends):
+        closing[max(place - _IMPACT_SAMPLES, 0) : place + _IMPACT_SAMPLES + 2] = True
+    return closing
 
 
 def _unknown_history(x: Vector) -> int:
