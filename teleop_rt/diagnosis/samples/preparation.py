@@ -37,7 +37,7 @@ from teleop_rt.recordings.rows import force_noise, robust_deviation, stretches, 
 Samples = Literal["usual", "away from touches", "from the start", "without an odd beginning"]
 """The samples that an answer uses."""
 _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impact
-_IMPACT_RATIO = 1.5  # of the error elsewhere, at the closings of a play; less is no impact
+_IMPACT_RATIO = 1.5  # of the error elsewhere: 1.2 to 1.4 at closings without, 2.0 with an impact
 _IMPACT_SAMPLES = 3  # left out on either side: filters of the sensor spread an impact
 _FADING_PART = 5  # part of a recording (a fifth) in which memories of earlier contact fade
 _FEWEST_OF_A_CUBIC = 2  # samples on either side that determine a cubic
