@@ -88,6 +88,7 @@ def _effect(entry: dict[str, Any], verdict: str) -> str:
     """Return the sentence of an effect with its figures, and the controller's treatment of it."""
     undecided = f"If it is {_names([entry['name']])}: " if verdict == "class" else ""
     treatment = str(entry["compensation"]).replace("_", " ")
+    treatment = "not corrected" if treatment == "none" else treatment
     belongs = f"It belongs to the {entry['belongs_to']}; on-line: {treatment}."
     return f"{undecided}{style.effect_in_words(entry)} {belongs}"
 

@@ -173,7 +173,7 @@ def effects_page() -> str:
         amplitude = () if effect.amplitude.unity else (effect.amplitude,)
         names = ", ".join(f"{p.name} [`{p.unit}`]" for p in (*amplitude, *effect.shapes))
         belongs = f"{effect.belongs_to}, {effect.stage}"
-        acts = effect.compensation.replace("_", " ")
+        acts = effect.compensation.replace("_", " ").replace("none", "not corrected")
         rows.append((f"`{effect.name}`", belongs, names, acts, effect.sentence))
     return (
         "# Effects\n\nGenerated from the declarations that simulation, regression, on-line"

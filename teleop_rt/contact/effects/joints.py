@@ -110,7 +110,7 @@ def _play(law: str, step: StepFunction) -> Effect:
         ),
         step=step,
         sentence="A play of {gap} lies between encoder and tip.",
-        compensation="mask",
+        compensation="correct_position",
         state_size=2,
         only_in_contact=False,
         acts="moves_position",
@@ -183,6 +183,7 @@ EFFECTS = (
         sentence="A joint in series gives by {softness} of the body's own way; at {seating_force}"
         " it has seated and gives half of that.",
         acts="slackens",
+        compensation="none",
     ),
     _PLAY,
     _play("from the loading flank", _play_from_loading_flank),
@@ -220,5 +221,6 @@ EFFECTS = (
         sentence="A held body has a play at no force; half of it would press {slack_force}.",
         state_size=0,
         acts="slackens",
+        compensation="none",
     ),
 )

@@ -219,7 +219,7 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
     """
     mask = problem.whitener.mask.copy()
     for fit in fits:
-        plays = [e for e in fit.model.effects if e.compensation == "mask"]
+        plays = [e for e in fit.model.effects if e.family == "lost motion"]
         if not plays:
             continue
         closing = _closings(problem, fit)
