@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import math
+import os
 import socket
 import termios
 import time
@@ -58,8 +59,11 @@ _send_to = _of_c_library("sendto", "int64", "int32", "int64", "int64", "int32", 
 _poll = _of_c_library("poll", "int32", "int64", "int64", "int32")
 _wait = _of_c_library("ppoll", "int32", "int64", "int64", "int64", "int64")
 _wait_event = _of_c_library("epoll_pwait2", "int32", "int32", "int64", "int32", "int64", "int64")
-EVENT_BYTES = 16
-"""Room for a `struct epoll_event`, at least."""
+EVENT_WORDS = 4
+"""Room for a `struct epoll_event`, in words of 4 bytes; the first are the events that came."""
+_set_timer = _of_c_library("timerfd_settime", "int32", "int32", "int32", "int64", "int64")
+TIMER_WORDS = 4
+"""A `struct itimerspec`: the time after which a timer repeats, and when it ends first."""
 _to_number = _of_c_library("strtod", "float64", "int64", "int64")
 _clock = _of_c_library("clock_gettime", "int32", "int32", "int64")
 _error = _error_of_c_library()
@@ -70,6 +74,8 @@ COUNT_BYTES = 4
 """Bytes of the C int that FIONREAD writes."""
 FOUND_BITS = 48
 """Place of the found events in the word of a `struct pollfd` [bits]."""
+_ABSOLUTE = 1  # TFD_TIMER_ABSTIME
+_TIMER_FLAGS = os.O_NONBLOCK | os.O_CLOEXEC  # TFD_NONBLOCK and TFD_CLOEXEC
 _SECOND_NS = 1_000_000_000  # a second [ns], of which the system counts the rest apart
 _AGAIN, _INTERRUPTED, _ENDED = errno.EAGAIN, errno.EINTR, errno.EPIPE
 
@@ -113,18 +119,47 @@ def wait_ready(
 
 @kernel
 def wait_event(
-    epoll: int, event: int, times: NDArray[np.int64], place: int, longest_ns: int
-) -> bool:
-    """Wait for an event of an epoll, for which there is room at an address; return whether it came.
+    epoll: int,
+    event: NDArray[np.uint32],
+    event_place: int,
+    times: NDArray[np.int64],
+    place: int,
+    longest_ns: int,
+) -> int:
+    """Wait for an event of a descriptor of an epoll; return its bits, such as EPOLLIN.
 
-    That is false after the longest time, and after a signal. `times` (2,), which lie at `place`,
-    are written. A terminal that is watched for edges (EPOLLET) is not asked whether something
-    waits, for which a `poll` waits until a worker of the kernel has done its part. No other thread
-    of Python runs meanwhile.
+    They are 0 after the longest time, and after a signal. `event` (EVENT_WORDS,) and `times` (2,),
+    which lie at the addresses after them, are written. A terminal that is watched for edges
+    (EPOLLET) is not asked whether something waits, for which a `poll` waits until a worker of the
+    kernel has done its part. No other thread of Python runs meanwhile.
     """
     times[0], times[1] = longest_ns // _SECOND_NS, longest_ns % _SECOND_NS
-    found: int = _wait_event(epoll, event, 1, place, 0)
-    return found > 0
+    found: int = _wait_event(epoll, event_place, 1, place, 0)
+    return int(event[0]) if found > 0 else 0
+
+
+def new_timer() -> int:
+    """Return the descriptor of a timer, which becomes readable at the time that `set_timer` gave.
+
+    Raises OSError.
+    """
+    descriptor: int = ctypes.CDLL(None, use_errno=True).timerfd_create(_MONOTONIC, _TIMER_FLAGS)
+    if descriptor < 0:
+        raise OSError(ctypes.get_errno(), "no timer")
+    return descriptor
+
+
+@kernel
+def set_timer(descriptor: int, times: NDArray[np.int64], place: int, at_ns: int) -> None:
+    """Let a timer's descriptor be readable from this time on, not before.
+
+    `times` (TIMER_WORDS,), which lie at `place`, are written. A wait that ends by another event
+    leaves it set, where the longest time of a wait would be set and taken back, each of which may
+    take a virtual machine as long as ten other calls of the system.
+    """
+    times[0] = times[1] = 0
+    times[2], times[3] = at_ns // _SECOND_NS, at_ns % _SECOND_NS
+    _set_timer(descriptor, _ABSOLUTE, place, 0)
 
 
 @kernel

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import struct
 import time
@@ -16,6 +17,7 @@ from test_answering import FAR_NS, PROCESS_DATA, ask
 from teleop_rt_drivers.framed.stream import DescriptorStream
 from teleop_rt_drivers.opening import open_rig_on
 from teleop_rt_drivers.simulated.frame_devices import crc16_x25
+from teleop_rt_drivers.simulated.line_answer import is_late
 from teleop_rt_drivers.simulated.line_frames import DRIVE, EDGES, WRENCH, WrittenFrame
 from teleop_rt_drivers.simulated.servo import WATCHDOG_NS, ServoState
 from teleop_rt_drivers.unix_bus import UnixBus
@@ -219,6 +221,22 @@ def test_another_readable_line_ends_the_wait(world):
         before = len(one.truths)
         assert one.network.answer_until(FAR_NS, [near.fileno()])
         assert len(one.truths) <= before + 1, "not until the lines have been silent"
+
+
+def test_a_timer_is_set_once_for_the_sensor_that_sends_next(world):
+    answering = world("serial").network.answering
+    lines, now_ns = answering.lines, time.monotonic_ns()
+    lines.sensors["due_ns"] = now_ns + 3600 * SECOND_NS, now_ns + 1800 * SECOND_NS
+    assert not is_late(lines, now_ns)
+    assert lines.ring[2] * SECOND_NS + lines.ring[3] == now_ns + 1800 * SECOND_NS
+    lines.ring[:] = 0
+    assert not is_late(lines, now_ns + MS), "as it is after a command"
+    assert not lines.ring.any()
+    assert not select.select([answering.timer], (), (), 0)[0]
+    assert is_late(lines, now_ns + 1800 * SECOND_NS)
+    lines.sensors["due_ns"] = time.monotonic_ns() + MS
+    assert not is_late(lines, now_ns)
+    assert select.select([answering.timer], (), (), 10)[0]
 
 
 def test_a_sensor_s_line_is_served_by_the_kernel_that_answers_a_bus(world, monkeypatch):

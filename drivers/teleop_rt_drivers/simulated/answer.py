@@ -19,7 +19,7 @@ from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, take_packets
 from teleop_rt_drivers.simulated.line_answer import (
     LONGEST_SILENCE_NS,
     NOTHING,
-    next_due_ns,
+    is_late,
     send_due,
 )
 from teleop_rt_drivers.simulated.motion import POSITION, REFERENCE, VELOCITY, follow
@@ -55,6 +55,8 @@ PLACES, SPEEDS, FORCES, TORQUES = range(4)
 # Layout of a waiting frame in bytes, then in words.
 _ID_BYTES, _LENGTH_AT, _DATA_AT, _STAMP_AT, _WORD = 4, 4, 8, 16, 8
 _HEAD, _DATA, _STAMP = range(3)
+_BUS, _RING = range(2)
+"""Places of the descriptors that are waited for."""
 _TARGET_BITS = 32  # of a target position
 _AGAIN = errno.EAGAIN
 
@@ -211,7 +213,8 @@ def answer_until(
     Sensors on `lines`, if there are any, send meanwhile.
 
     Until 0 it is `take`. It returns before its time where another of the `polls`, which lie at
-    `place`, is ready than the first, which is the bus's, and where Python has something to do.
+    `place`, is ready than the first, which is the bus's, and the second, the timer of lines; and
+    where Python has something to do.
     """
     c: Any = answer.cycle[0]
     if until_ns == 0:
@@ -223,19 +226,20 @@ def answer_until(
         end_ns = min(until_ns, silent_ns)
         if now_ns >= end_ns:
             break
-        if lines is not None:
-            end_ns = next_due_ns(lines, end_ns)
-        found = wait_ready(place, polls.size, answer.clock, c.clock, max(0, end_ns - now_ns))
-        if found > 0:
-            if found != 1 or polls[0] >> FOUND_BITS == 0:
-                break
+        wait_ns = 0 if lines is not None and is_late(lines, now_ns) else end_ns - now_ns
+        found = wait_ready(place, polls.size, answer.clock, c.clock, wait_ns)
+        asked = found > 0 and polls[_BUS] >> FOUND_BITS != 0
+        rings = found > 0 and lines is not None and polls[_RING] >> FOUND_BITS != 0
+        if found != asked + rings:
+            break
+        if asked:
             happened = take(answer, plant, hidden, door, lengths, slots)
             if c.frames == 0:  # no frame: somebody comes or goes
                 break
             while happened == MORE and true.new[0] < MOST_ROWS:
                 happened = go_on(answer, plant, hidden, slots)
             silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
-        if not is_due(answer, plant, hidden, lines) and found == 0:
+        if not is_due(answer, plant, hidden, lines) and not asked:
             break
     return happened
 

@@ -65,6 +65,7 @@ class Answering:
         self._heard = cycle["heard_ns"]
         self._true = TrueRows(np.zeros((MOST_ROWS, len(TRUTH))), np.zeros(1, np.int64))
         self._lines: Lines | None = None
+        self._timers: tuple[int, ...] = ()
         self._watched: list[int] | None = None
         self._polls = np.zeros(0, np.int64)
         self._heartbeat_of = heartbeat_id & 0x7F
@@ -80,13 +81,16 @@ class Answering:
         if descriptors == self._watched:
             return
         self._watched, own = descriptors, self._bus.fileno()
-        ordered = own, *(one for one in descriptors if one != own)
-        self._polls = poll_words(ordered)
+        others = [one for one in descriptors if one != own]
+        self._polls = poll_words([own, *self._timers, *others])
         self._bind_waiting()
 
-    def send_meanwhile(self, lines: Lines) -> None:
-        """Send the frames of sensors on these lines while it waits, from now on."""
-        self._lines = lines
+    def send_meanwhile(self, lines: Lines, timer: int) -> None:
+        """Send the frames of sensors on these lines while it waits, from now on.
+
+        The timer is the descriptor that is readable when one is due.
+        """
+        self._lines, self._timers, self._watched = lines, (timer,), None
         if self._can:
             self._bind_waiting()
 

@@ -156,7 +156,7 @@ class CanopenNetwork:
         """Send the frames of a network of sensors, too, while it answers until a time."""
         if sensors.answering is not None and sensors.answering.drive is None:
             self._beside = sensors
-            self._answering.send_meanwhile(sensors.answering.lines)
+            self._answering.send_meanwhile(sensors.answering.lines, sensors.answering.timer)
 
     def answer_until(self, until_ns: int, descriptors: list[int]) -> tuple[Network, ...]:
         """Handle the frames that come until then, or until one of these descriptors is readable.

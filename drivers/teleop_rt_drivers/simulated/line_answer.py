@@ -6,6 +6,7 @@ for their target. `LineAnswering` says when devices stand so that nothing else h
 
 from __future__ import annotations
 
+import select
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,8 @@ from teleop_rt.kernels.jit import kernel
 from teleop_rt.kernels.record import record_type
 from teleop_rt.realtime.system_calls import (
     monotonic_ns,
-    read_delivered,
+    read_bytes,
+    set_timer,
     wait_event,
     write_bytes,
 )
@@ -45,6 +47,10 @@ if TYPE_CHECKING:
 
 LONGEST_SILENCE_NS = 5_000_000
 """Without a frame for so long Python is asked again, for the plant that runs on, and for a stop."""
+NEVER_NS = 2**62
+"""A time that does not come [ns]."""
+FOR_DRIVE = select.EPOLLRDNORM
+"""The event that bytes wait for the drive; all others are EPOLLIN."""
 NOTHING, SENT, STRANGE = range(3)
 """Events: of these, STRANGE bytes lie in the memory, and are Python's."""
 _COMMAND_FIRST = 0xC3
@@ -76,7 +82,8 @@ class DriveFields:
     `state` lies at `place`. `control` is that of every command, `heard_ns` the last one's time;
     `zero` and `step` are those of its counts, and a target is reached after `period_s`. On all
     lines `lost` frames were not taken, and a round takes so many `samples` of force. A clock
-    is read to the address `clock`, and an event to `event`.
+    is read to the address `clock`, and an event to `event`. The descriptor `timer` is readable from
+    `ring_ns` on, which is set at the address `ring`.
     """
 
     descriptor: int
@@ -93,18 +100,22 @@ class DriveFields:
     samples: int
     clock: int
     event: int
+    timer: int
+    ring_ns: int
+    ring: int
 
 
 SENSOR, LINES_DRIVE = record_type(SensorFields), record_type(DriveFields)
 Records = NDArray[np.record]
 Whole = NDArray[np.int64]
+Words = NDArray[np.uint32]
 
 
 class Lines(NamedTuple):
     """The arrays of lines: SENSOR (n,), LINES_DRIVE (1,), and frames (n + 1, LONGEST).
 
     The last frame is the drive's answer. `memory` holds commands, `clock` (2,) and `event`
-    (EVENT_BYTES,) are written by the system.
+    (EVENT_WORDS,) are written by the system, and `ring` (TIMER_WORDS,) is read by it.
     """
 
     sensors: Records
@@ -112,17 +123,24 @@ class Lines(NamedTuple):
     frames: Bytes
     memory: Bytes
     clock: Whole
-    event: Bytes
+    event: Words
+    ring: Whole
 
 
 @kernel
-def next_due_ns(lines: Lines, latest_ns: int) -> int:
-    """Return when the next sensor sends, `latest_ns` at the latest."""
-    due_ns = latest_ns
+def is_late(lines: Lines, now_ns: int) -> bool:
+    """Return whether a sensor is to send now; else its timer is set to when the next one is."""
+    drive: Any = lines.drive[0]
+    due_ns = NEVER_NS
     for row in range(lines.sensors.size):
         sensor: Any = lines.sensors[row]
         due_ns = min(due_ns, sensor.due_ns)
-    return due_ns
+    if due_ns <= now_ns:
+        return True
+    if drive.ring_ns != due_ns:
+        drive.ring_ns = due_ns
+        set_timer(drive.timer, lines.ring, drive.ring, due_ns)
+    return False
 
 
 @kernel
@@ -174,10 +192,11 @@ def is_usual(lines: Lines, at: int) -> bool:
 def take_commands(lines: Lines, plant: PlantArrays, hidden: Hidden | None, now_ns: int) -> int:
     """Obey and answer the commands that wait: SENT. Return STRANGE for any other bytes.
 
-    Return NOTHING where nothing waits.
+    Return NOTHING where nothing waits. It is called when bytes have come: even a read that must not
+    wait does so on a terminal on which nothing is (`read_delivered`).
     """
     drive: Any = lines.drive[0]
-    drive.received = read_delivered(drive.descriptor, lines.memory, drive.memory)
+    drive.received = read_bytes(drive.descriptor, drive.memory, len(lines.memory))
     if drive.received <= 0:
         return NOTHING
     if drive.received % COMMAND_BYTES != 0:
@@ -217,8 +236,9 @@ def answer_lines(
         end_ns = min(until_ns, silent_ns)
         if now_ns >= end_ns:
             break
-        wait_ns = max(0, next_due_ns(lines, end_ns) - now_ns)
-        asked = wait_event(epoll, drive.event, lines.clock, drive.clock, wait_ns)
+        wait_ns = 0 if is_late(lines, now_ns) else end_ns - now_ns
+        found = wait_event(epoll, lines.event, drive.event, lines.clock, drive.clock, wait_ns)
+        asked = found & FOR_DRIVE
         now_ns = monotonic_ns(lines.clock, drive.clock)
         if asked:
             happened = take_commands(lines, plant, hidden, now_ns)
@@ -227,6 +247,6 @@ def answer_lines(
             silent_ns = now_ns + LONGEST_SILENCE_NS
         if send_due(lines, plant, hidden, now_ns) == SENT:
             note(true, plant)
-        elif not asked:  # the end, a signal, or numbers to draw
+        elif not asked:  # the end, a signal, another line, or numbers to draw
             break
     return NOTHING

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import select
 import time
+from io import FileIO
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from teleop_rt.kernels.jit import bound
-from teleop_rt.realtime.system_calls import EVENT_BYTES
+from teleop_rt.realtime.system_calls import EVENT_WORDS, TIMER_WORDS, new_timer
 from teleop_rt.signals import TRUTH
 from teleop_rt_drivers.framed.stream import READ_BYTES, DescriptorStream
 from teleop_rt_drivers.simulated import line_answer as kernels
@@ -26,15 +27,13 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.line_answer import DriveFields
     from teleop_rt_drivers.simulated.plant import Plant
 
-NEVER_NS = 2**62
-"""A time that does not come [ns]."""
-
 
 class LineAnswering:
     """Sends and answers the frames of every cycle on lines, while nothing else happens to them.
 
     Between `begin` and `end` a kernel has the devices' state. `lines` are its arrays, with which
-    another kernel may send the sensors' frames, too, where `drive` is None. Once a line is pulled,
+    another kernel may send the sensors' frames, too, where `drive` is None: it waits for `timer`,
+    the descriptor that is readable when one is due. Once a line is pulled,
     `plugged` is false, and no kernel has its turn any more.
     """
 
@@ -53,11 +52,15 @@ class LineAnswering:
             frames=np.zeros((len(self._sensors) + 1, LONGEST), np.uint8),
             memory=np.zeros(READ_BYTES, np.uint8),
             clock=np.zeros(2, np.int64),
-            event=np.zeros(EVENT_BYTES, np.uint8),
+            event=np.zeros(EVENT_WORDS, np.uint32),
+            ring=np.zeros(TIMER_WORDS, np.int64),
         )
         self._fields.memory = self.lines.memory.ctypes.data
         self._fields.clock = self.lines.clock.ctypes.data
         self._fields.event = self.lines.event.ctypes.data
+        self._fields.ring = self.lines.ring.ctypes.data
+        self._timer = FileIO(new_timer())
+        self.timer = self._fields.timer = self._timer.fileno()
         for row, sensor in enumerate(self._sensors):
             self._place_sensor(row, sensor, descriptors[sensor.name])
         if self.drive is not None:
@@ -68,7 +71,9 @@ class LineAnswering:
         self._watched: list[int] = []
         if self.drive is not None:
             self._epoll = select.epoll()
-            self._epoll.register(descriptors[self.drive.name], select.EPOLLIN | select.EPOLLET)
+            edges = kernels.FOR_DRIVE | select.EPOLLET
+            self._epoll.register(descriptors[self.drive.name], edges)
+            self._epoll.register(self.timer, select.EPOLLIN)
             arrays = self.lines, plant.moving, plant.beside, self._true
             # Compiled now, so that the first command is answered in time.
             self._answer = bound(kernels.answer_lines, arrays, 0, 0)
@@ -111,7 +116,7 @@ class LineAnswering:
         faults = any(one.faults.fault for one in self._sensors)
         usual = self.plugged and not faults and self._begin_drive()
         for row, sensor in enumerate(self._sensors):
-            self._due_ns[row] = sensor.next_ns if usual else NEVER_NS
+            self._due_ns[row] = sensor.next_ns if usual else kernels.NEVER_NS
         self._plant.draw(self.samples)
         return usual
 
@@ -146,7 +151,8 @@ class LineAnswering:
         return self.lines.memory[: max(0, self._fields.received)].tobytes() if strange else b""
 
     def close(self) -> None:
-        """Release the epoll."""
+        """Release timer and epoll."""
+        self._timer.close()
         if self.drive is not None:
             self._epoll.close()
 
