@@ -14,7 +14,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from teleop_rt.realtime.state_file import found
 from teleop_rt.service.client import ask
+from teleop_rt.service.keeper import SUFFIX
 from teleop_rt.service.local_socket import connect
 from teleop_rt.service.place import DaemonFiles, places
 from teleop_rt_dev.paths import SILICONE, TRIALS
@@ -33,10 +35,14 @@ Busy = Callable[["StopLab"], Iterator[None]]
 
 @dataclass(frozen=True, slots=True)
 class StopTime:
-    """From the request of a stop to the frame that orders it, as the sender stamped it."""
+    """From the request of a stop to the frame that orders it, as the sender stamped it.
+
+    For `waited_ticks` of them no core was free for the command server, or for who asked.
+    """
 
     seconds: float
     ticks: int
+    waited_ticks: float
 
 
 class StopLab:
@@ -89,6 +95,13 @@ class StopLab:
                 found.append(int(entry.parent.name))
         return found
 
+    @property
+    def server(self) -> int:
+        """The process of the command server."""
+        state = found(self.place.ring_folder / f"commands{SUFFIX}")
+        assert state is not None
+        return int(state["helper"]["pid"])
+
     def stop_while(self, busy: Busy) -> StopTime:
         """Arm, keep the daemon busy, stop, and return how long the drive's order took."""
         while not ask(self.place, "arm")["ok"]:  # a machine that held the loop up
@@ -99,15 +112,18 @@ class StopLab:
             with contextmanager(busy)(self):
                 while bus.recv(0) is not None:
                     pass
-                asked_s = time.time()
+                server, asking = self.server, os.getpid()
+                before_s, asked_s = _waited_s(server) + _waited_s(asking), time.time()
                 stopping = self.ask("stop")
-                taken = _await_order(bus, asked_s)
+                waited_s = _waited_s(asking) - before_s
+                seconds, ticks = _await_order(bus, asked_s)
+                waited_s += _waited_s(server)
             for one in stopping:
                 assert b'"ok": true' in one.makefile("rb").readline()
                 one.close()
         self.trial.unlink(missing_ok=True)
         self.trial.write_text(self._good)
-        return taken
+        return StopTime(seconds, ticks, waited_s * RATE_HZ)
 
     def check_of(self, text: str | None, reloads: int) -> Iterator[None]:
         """Let so many reloads wait for the check of a trial; without text it is a pipe."""
@@ -132,14 +148,22 @@ def _order(bus: UnixBus) -> int:
             return int.from_bytes(message.data[:2], "little")
 
 
-def _await_order(bus: UnixBus, asked_s: float) -> StopTime:
+def _waited_s(process: int) -> float:
+    """Return for how long a process was ready to run without a core; 0 where Linux counts none."""
+    try:
+        return 1e-9 * int(Path(f"/proc/{process}/schedstat").read_text().split()[1])
+    except FileNotFoundError:
+        return 0.0
+
+
+def _await_order(bus: UnixBus, asked_s: float) -> tuple[float, int]:
     ticks = 0
     while (message := bus.recv(PATIENCE_S)) is not None:
         late_s = message.timestamp - asked_s
         ticks += message.arbitration_id == SYNC and late_s > 0
         ordered = message.arbitration_id == ORDER and late_s > 0
         if ordered and int.from_bytes(message.data[:2], "little") != ENABLE_OPERATION:
-            return StopTime(late_s, ticks)
+            return late_s, ticks
     raise AssertionError("the drive never got a stop")
 
 
