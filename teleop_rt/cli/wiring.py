@@ -106,5 +106,5 @@ def publish_handle(plant: HandPlant, ring_folder: Path) -> None:
 def publish_truth(rig: SimulatedRig, ring_folder: Path) -> Callable[[], None]:
     """Make the ring of a simulated rig's true motion; return the function that closes it."""
     ring = publish(ring_folder, TRUTH_TOPIC, TRUTH)
-    rig.on_truth = ring.push
+    rig.on_truth, rig.on_truths = ring.push, ring.push_rows
     return ring.close

@@ -51,6 +51,7 @@ class RingWriter:
         self._row_bytes = self._row.size
         header = memoryview(self.memory).cast("Q")
         self._counted = header[COUNT_WORD : COUNT_WORD + 1]
+        self._rows = body.reshape(capacity, columns + 2)
         self._capacity = capacity
         self._header[_COLUMNS_WORD] = columns
         self._header[CAPACITY_WORD] = capacity
@@ -62,6 +63,18 @@ class RingWriter:
         place = HEADER_WORDS * 8 + number % self._capacity * self._row_bytes
         self._row.pack_into(self.memory, place, number, *row, number)
         self._counted[0] = number
+
+    def push_rows(self, rows: Row) -> None:
+        """Copy rows (n, columns) into the ring, as `push` does each; n is less than its capacity.
+
+        It takes as long as a few rows do one by one.
+        """
+        numbers = self._counted[0] + 1 + np.arange(len(rows))
+        places, room = numbers % self._capacity, self._rows
+        room[places, 0] = numbers
+        room[places, 1:-1] = rows
+        room[places, -1] = numbers
+        self._counted[0] += len(rows)
 
     def close(self) -> None:
         """Mark the ring as closed for its readers, and remove the file's name."""

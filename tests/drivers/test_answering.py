@@ -51,6 +51,7 @@ class Side:
         self.network = self.rig.networks[0]
         self.truths: list[list[float]] = []
         self.rig.on_truth = self.truths.append
+        self.rig.on_truths = lambda rows: self.truths.extend(rows.tolist())
         self.network.serve_once(())  # meets the other end
         self.rig.power_on()
         self.heard()
@@ -260,3 +261,43 @@ def test_the_devices_hear_a_heartbeat_that_a_kernel_took(operational, monkeypatc
     side.end.send_frame(HEARTBEAT + DAEMON, b"\x05")
     assert answered_until(side, FAR_NS)
     assert heard == [DAEMON]
+
+
+def test_a_kernel_sends_the_devices_heartbeats_and_they_go_on_where_it_was(
+    operational, monkeypatch
+):
+    side, nodes = operational, (ENCODER, FORCE, DRIVE)
+    for node in nodes:
+        every_20_ms = struct.pack("<BHBH2x", 0x2B, 0x1017, 0, 20)
+        side.end.send_frame(SDO + node, every_20_ms)
+        side.network.serve_once(())
+    for _ in range(2):  # a drive that was written to looks at the next command, too
+        side.end.send_frame(COMMAND, bytes(8))
+        side.end.send_frame(SYNC, b"")
+        side.network.serve_once(())
+    assert answered_until(side, FAR_NS)
+    side.end.waiting_frames(256)
+    sends = FaultyWire.send
+    monkeypatch.setattr(FaultyWire, "send", lambda *_: pytest.fail("Python sends a heartbeat"))
+    beats: dict[int, list[int]] = {HEARTBEAT + node: [] for node in nodes}
+
+    def run(count: int) -> None:
+        until_ns = time.monotonic_ns() + 10_000_000_000
+        while min(map(len, beats.values())) < count:
+            assert time.monotonic_ns() < until_ns, beats
+            answered_until(side, FAR_NS)
+            for name, data, stamp_ns in side.end.waiting_frames(256):
+                assert data == b"\x05"
+                beats[name].append(stamp_ns)
+
+    run(4)
+    for stamps in beats.values():
+        assert min(np.diff(stamps)) > 0
+        assert stamps[-1] - stamps[0] > (len(stamps) - 2) * 20 * 1_000_000
+    monkeypatch.setattr(FaultyWire, "send", sends)
+    side.rig.inject("mute_pdo", "encoder")
+    assert not answered_until(side, FAR_NS), "no kernel sends for a broken device"
+    for node in side.network.devices.values():
+        assert node.quiet_until_ns == 0, "its timers are looked at"
+        node.run_timers(max(map(max, beats.values())) + 20_000_000)
+    assert {name for name, *_ in side.end.waiting_frames(256)} == set(beats)

@@ -82,6 +82,7 @@ def world(tmp_path):
         rig = open_rig_on(load(kind), plant, time.monotonic_ns, 1, ends)
         truths: list[list[float]] = []
         rig.on_truth = truths.append
+        rig.on_truths = lambda rows: truths.extend(rows.tolist())
         one = SimpleNamespace(rig=rig, ends=ends, hosts=ends.hosts, truths=truths)
         one.network = rig.networks[-1]
         rig.power_on()

@@ -57,6 +57,21 @@ def test_a_row_that_a_kernel_writes_is_read_as_a_pushed_one(tmp_path):
     assert reader.dropped == 0
 
 
+def test_rows_that_are_pushed_together_are_read_as_those_pushed_one_by_one(tmp_path):
+    writer = RingWriter(tmp_path / "r", 2, 8)
+    reader = RingReader(tmp_path / "r")
+    writer.push([0.0, 0.0])
+    writer.push_rows(np.array([(number, -number) for number in range(1, 6)], float))
+    writer.push_rows(np.zeros((0, 2)))
+    assert reader.read().tolist() == [[number, -number] for number in range(6)]
+    writer.push_rows(np.array([(number, -number) for number in range(6, 10)], float))
+    writer.push([10.0, -10.0])
+    numbers, rows = reader.read_numbered()
+    assert rows.tolist() == [[number, -number] for number in range(6, 11)]
+    assert numbers.tolist() == [7, 8, 9, 10, 11]
+    assert reader.dropped == 0
+
+
 def test_kernels_overrun_a_slow_reader_as_pushed_rows_do(tmp_path):
     writer = RingWriter(tmp_path / "r", 2, 16)
     reader = RingReader(tmp_path / "r")

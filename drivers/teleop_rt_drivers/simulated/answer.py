@@ -18,6 +18,7 @@ from teleop_rt.realtime.system_calls import FOUND_BITS, monotonic_ns, send_bytes
 from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, take_packets
 from teleop_rt_drivers.simulated.line_answer import (
     LONGEST_SILENCE_NS,
+    NEVER_NS,
     NOTHING,
     is_late,
     send_due,
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
 
 LONGEST_WAIT_NS = 50_000_000
 """A longer apparent wait of a frame means that the clock was set."""
+HEARTBEAT_LATE_NS = 1_000_000
+"""So long a heartbeat that is due waits for a frame that ends the wait in any case."""
 INT16, INT32 = 2**15 - 1, 2**31 - 1
 PER_THOUSAND = 1000.0  # of the rated torque, which CiA 402 counts in
 MORE, UNSENT, DRY, STRANGE = 1, 2, 4, 8
@@ -69,11 +72,14 @@ class CycleFields:
     `lowest` and `highest`, over `period_s` and no farther than `reach`. `pending` is a command that
     waits for SYNC, with the bytes `last`; `obeyed` are those of the last that did not. `commands`
     and `syncs` count. A heartbeat came at `heard_ns`, 0 once Python has taken it. An answer holds
-    so many `samples` of force.
+    so many `samples` of force. A heartbeat to send lies at the address `beating`, and `unsent` were
+    not taken.
     """
 
     descriptor: int
     sending: int
+    beating: int
+    unsent: int
     clock: int
     frames: int
     next_frame: int
@@ -115,7 +121,17 @@ class MeasuredFields:
     step: float
 
 
+class BeatFields:
+    """Fields of a node's heartbeats: when the next one is due, their period, and the frame."""
+
+    due_ns: int
+    period_ns: int
+    head: int
+    state: int
+
+
 CYCLE, MEASURED = record_type(CycleFields), record_type(MeasuredFields)
+BEAT = record_type(BeatFields)
 Records = NDArray[np.record]
 Whole = NDArray[np.int64]
 
@@ -125,13 +141,15 @@ class Answer(NamedTuple):
 
     `packet` (frames, 3) holds head, bytes and stamp of each frame, `constant` (frames,) those of
     its bytes that are not measured; `clock` (2,) is where the clock is read to. `true` is
-    the motion at the last SYNCs.
+    the motion at the last SYNCs. `beats` is BEAT (nodes,), and `beat` (3,) a heartbeat's frame.
     """
 
     cycle: Records
     measured: Records
     packet: Whole
     constant: Whole
+    beats: Records
+    beat: Whole
     clock: Whole
     true: TrueRows
 
@@ -210,14 +228,17 @@ def answer_until(
 ) -> int:  # fmt: skip
     """Answer cycle after cycle until then; return the events as `take` does, 0 at the end.
 
-    Sensors on `lines`, if there are any, send meanwhile.
+    Sensors on `lines`, if there are any, send meanwhile, and nodes their heartbeats.
 
     Until 0 it is `take`. It returns before its time where another of the `polls`, which lie at
     `place`, is ready than the first, which is the bus's, and the second, the timer of lines; and
     where Python has something to do.
     """
     c: Any = answer.cycle[0]
+    d: Any = door[0]
+    c.descriptor = d.descriptor
     if until_ns == 0:
+        send_heartbeats(answer, monotonic_ns(answer.clock, c.clock))
         return take(answer, plant, hidden, door, lengths, slots)
     happened, true = 0, answer.true
     silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
@@ -226,6 +247,7 @@ def answer_until(
         end_ns = min(until_ns, silent_ns)
         if now_ns >= end_ns:
             break
+        end_ns = min(end_ns, send_heartbeats(answer, now_ns) + HEARTBEAT_LATE_NS)
         wait_ns = 0 if lines is not None and is_late(lines, now_ns) else end_ns - now_ns
         found = wait_ready(place, polls.size, answer.clock, c.clock, wait_ns)
         asked = found > 0 and polls[_BUS] >> FOUND_BITS != 0
@@ -242,6 +264,23 @@ def answer_until(
         if not is_due(answer, plant, hidden, lines) and not asked:
             break
     return happened
+
+
+@kernel
+def send_heartbeats(answer: Answer, now_ns: int) -> int:
+    """Send the heartbeats that are due; return when the next one is."""
+    c: Any = answer.cycle[0]
+    beat = answer.beat
+    next_ns = NEVER_NS
+    for node in range(answer.beats.size):
+        b: Any = answer.beats[node]
+        if b.due_ns <= now_ns:
+            late = now_ns - b.due_ns > b.period_ns
+            b.due_ns = (now_ns if late else b.due_ns) + b.period_ns
+            beat[_HEAD], beat[_DATA], beat[_STAMP] = b.head, b.state, now_ns
+            c.unsent += send_bytes(c.descriptor, c.beating, beat.size * _WORD) == -_AGAIN
+        next_ns = min(next_ns, b.due_ns)
+    return next_ns
 
 
 @kernel

@@ -13,8 +13,9 @@ from teleop_rt.signals import TRUTH
 from teleop_rt_drivers.can_door import UNUSUAL, poll_words
 from teleop_rt_drivers.can_frames import FRAME, unpacked_plainly
 from teleop_rt_drivers.simulated import answer as kernels
-from teleop_rt_drivers.simulated.answer import CYCLE, MEASURED, Answer, head_of
-from teleop_rt_drivers.simulated.senses import MOST_ROWS, TrueRows
+from teleop_rt_drivers.simulated.answer import BEAT, CYCLE, MEASURED, Answer, head_of
+from teleop_rt_drivers.simulated.line_answer import NEVER_NS
+from teleop_rt_drivers.simulated.senses import DRAWS, MOST_ROWS, TrueRows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,10 +26,12 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.dictionary import Pdo
     from teleop_rt_drivers.simulated.drive import ServoDrive
     from teleop_rt_drivers.simulated.faults import FaultyWire
+    from teleop_rt_drivers.simulated.hidden_motion import Matrix
     from teleop_rt_drivers.simulated.line_answer import Lines
     from teleop_rt_drivers.simulated.plant import Plant
 
 MOST_FRAMES = 7  # of a packet
+_HEARTBEAT = 0x700  # COB-ID without the node's id (CiA 301)
 _changed = attrgetter("changed")
 
 
@@ -46,7 +49,7 @@ class Answering:
         nodes: Sequence[Node],
         drive: ServoDrive | None,
         now_ns: Callable[[], int],
-        note: Callable[[list[list[float]]], None],
+        note: Callable[[Matrix], None],
         *,
         sync_id: int,
         heartbeat_id: int,
@@ -62,6 +65,9 @@ class Answering:
         self._cycle.clock = self._clock.ctypes.data
         self._records = cycle
         self._packet = np.zeros((0, 3), np.int64)
+        self._beat = np.zeros(3, np.int64)
+        self._cycle.beating = self._beat.ctypes.data
+        self._beats = np.zeros(len(nodes), BEAT)
         self._heard = cycle["heard_ns"]
         self._true = TrueRows(np.zeros((MOST_ROWS, len(TRUTH))), np.zeros(1, np.int64))
         self._lines: Lines | None = None
@@ -100,6 +106,8 @@ class Answering:
         It ends before its time where Python has something to do. Return the frames that are left,
         None where none was received.
         """
+        if self._cycle.samples:
+            self._plant.draw(DRAWS)
         happened = self._take(self._place, until_ns)
         while True:
             self._pass_on()
@@ -122,12 +130,15 @@ class Answering:
         """Pass the true motion and the last heartbeat on that kernels have noted."""
         true = self._true
         if (noted := true.new.item(0)) > 0:
-            self._note(true.rows[:noted].tolist())
+            self._note(true.rows[:noted])
             true.new[0] = 0
         if (heard_ns := self._heard.item(0)) > 0:
             for node in self._nodes:
                 node.receive_heartbeat(self._heartbeat_of, heard_ns)
             self._heard[0] = 0
+        if unsent := self._cycle.unsent:
+            self._bus.lost += unsent
+            self._cycle.unsent = 0
 
     def hand_back(self) -> None:
         """Pass the events since the last call on to the devices."""
@@ -138,8 +149,9 @@ class Answering:
         if cycle.syncs:
             for row, pdo in zip(self._packet, self._pdos, strict=True):
                 self._wire.note(pdo.cob_id, row[1].tobytes()[: pdo.struct.size])
-        for node in self._nodes:
+        for node, due_ns in zip(self._nodes, self._beats["due_ns"].tolist(), strict=True):
             node.skip(cycle.syncs)
+            node.take_heartbeat(0 if due_ns == NEVER_NS else due_ns)
         if self._drive is not None:
             self._drive.resume(
                 _bytes(cycle.obeyed) if cycle.commands else None,
@@ -151,7 +163,9 @@ class Answering:
         if not self._stands or any(map(_changed, self._nodes)):
             self.hand_back()
             self._stands = self._plan()
-        return self._stands and self._bus.is_plain()
+        if self._stands and not self._bus.is_plain():
+            self.hand_back()  # so that the devices send their heartbeats
+        return self._stands
 
     def _plan(self) -> bool:
         """Take over how the devices stand; return whether nothing else happens to them now."""
@@ -163,8 +177,17 @@ class Answering:
         rows = [row for node in self._nodes for row in node.objects()]
         if not 0 < len(self._pdos) <= MOST_FRAMES or not self._take_command():
             return False
+        self._take_heartbeats()
         self._bind(rows)
         return True
+
+    def _take_heartbeats(self) -> None:
+        """Take the heartbeats of all nodes over."""
+        for beat, node in zip(self._beats, self._nodes, strict=True):
+            due_ns, period_ns, state = node.lend_heartbeat()
+            beat["head"], beat["state"] = head_of(_HEARTBEAT + node.node_id, 1), state
+            beat["due_ns"] = due_ns if period_ns else NEVER_NS
+            beat["period_ns"] = period_ns
 
     def _take_command(self) -> bool:
         """Take over how the drive stands, if there is one; return whether that can be."""
@@ -194,7 +217,16 @@ class Answering:
             [(head_of(pdo.cob_id, pdo.struct.size), 0, 0) for pdo, _, _ in rows], np.int64
         ).reshape(-1, 3)
         constant = np.array([number for _, number, _ in rows], np.int64)
-        answer = Answer(self._records, measured, self._packet, constant, self._clock, self._true)
+        answer = Answer(
+            cycle=self._records,
+            measured=measured,
+            packet=self._packet,
+            constant=constant,
+            beats=self._beats,
+            beat=self._beat,
+            clock=self._clock,
+            true=self._true,
+        )
         self._cycle.sending = self._packet.ctypes.data
         self._arrays = answer, self._plant.moving, self._plant.beside
         self._go_on = bound(kernels.go_on, (*self._arrays, door.slots))

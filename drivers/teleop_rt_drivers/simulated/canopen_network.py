@@ -13,6 +13,7 @@ from teleop_rt_drivers.simulated.answering import Answering
 from teleop_rt_drivers.simulated.devices import Encoder, ForceSensor
 from teleop_rt_drivers.simulated.drive import ServoDrive
 from teleop_rt_drivers.simulated.faults import LASTING, FaultyWire, break_bus, break_drive, mend_bus
+from teleop_rt_drivers.simulated.senses import LONGEST_ANSWERING_NS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.canopen.config import CanopenPart
     from teleop_rt_drivers.simulated.device import Node
     from teleop_rt_drivers.simulated.faults import LastingFault
+    from teleop_rt_drivers.simulated.hidden_motion import Matrix
     from teleop_rt_drivers.simulated.plant import Plant
     from teleop_rt_drivers.simulated.rig import Network
     from teleop_rt_drivers.simulated.serial_network import SerialNetwork
@@ -30,9 +32,6 @@ HARDWARE_FAULT, DEVICE_SPECIFIC, RECOVERED_FROM_BUS_OFF = 0x5000, 0xFF01, 0x8140
 """Emergency codes (CiA 301, table 26)."""
 TIMERS_NS = 5_000_000
 """A timer that is looked at always is looked at this often."""
-LONGEST_ANSWERING_NS = 20_000_000
-"""So long at most a kernel answers before a signal and the true motion are looked at: as long as
-the devices' heartbeats are apart, which Python sends in any case."""
 TIMERS_APART_NS = 500_000
 """On the machine's clock the timers run once in a millisecond, not again after its command."""
 AT_ONCE = 64
@@ -54,7 +53,7 @@ class CanopenNetwork:
         now_ns: Callable[[], int],
         seed: int,
         latched: Callable[[], None],
-        note: Callable[[list[list[float]]], None],
+        note: Callable[[Matrix], None],
     ) -> None:
         self.lost_frames = 0
         self.drive: ServoDrive | None = None

@@ -74,6 +74,7 @@ class Node(ObjectStore):
         self._syncs = 0
         self._heartbeat_due_ns = 0
         self._heartbeat_period_ns = 0
+        self._lends_heartbeat = False
         self._heard_ns = self._guarded_ns = 0
         self._watched_node = 0
         self._watch_timeout_ns = 0
@@ -164,6 +165,19 @@ class Node(ObjectStore):
             at += bits
         return signed(number, 64), measured
 
+    def lend_heartbeat(self) -> tuple[int, int, int]:
+        """Let a kernel send the heartbeats; return when one is due, their period, and the state.
+
+        The period [ns] is 0 where there are none.
+        """
+        self._lends_heartbeat, self.quiet_until_ns = True, 0
+        return self._heartbeat_due_ns, self._heartbeat_period_ns, self.state
+
+    def take_heartbeat(self, due_ns: int) -> None:
+        """Send the heartbeats again, the next one then, unless it has booted meanwhile."""
+        if self._lends_heartbeat:
+            self._lends_heartbeat, self._heartbeat_due_ns, self.quiet_until_ns = False, due_ns, 0
+
     def skip(self, syncs: int) -> None:
         """Count the SYNCs that were answered in its place."""
         self._syncs += syncs
@@ -200,7 +214,7 @@ class Node(ObjectStore):
         self.received.clear()
         self._heard_ns = self._guarded_ns = 0
         self._toggle = 0
-        self._heartbeat_due_ns = 0
+        self._heartbeat_due_ns, self._lends_heartbeat = 0, False
         self._compile_pdos()
         self._compile_watch()
         self._send(0x700 + self.node_id, b"\0")
@@ -243,7 +257,7 @@ class Node(ObjectStore):
 
     def run_timers(self, now_ns: int) -> None:
         """Send the heartbeat when it is due, and find the watched node's silence."""
-        if self._heartbeat_period_ns and now_ns >= self._heartbeat_due_ns:
+        if self._beats and now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + self._heartbeat_period_ns
             self._send(0x700 + self.node_id, bytes((self.state,)))
         if (self._events or self.deadline_ns) and self.state is Nmt.OPERATIONAL:
@@ -260,12 +274,17 @@ class Node(ObjectStore):
             self.lost_consumer()
         self.quiet_until_ns = self._next_timer_ns(now_ns)
 
+    @property
+    def _beats(self) -> bool:
+        """Return whether it sends heartbeats itself."""
+        return self._heartbeat_period_ns > 0 and not self._lends_heartbeat
+
     def _next_timer_ns(self, now_ns: int) -> int:
         """Return the time before which no timer ends, as things are now."""
         if self._events or self.deadline_ns:
             return now_ns
         due_ns = [now_ns + LONGEST_QUIET_NS]
-        if self._heartbeat_period_ns:
+        if self._beats:
             due_ns.append(self._heartbeat_due_ns)
         if self._life_ns and self._guarded_ns:
             due_ns.append(self._guarded_ns + self._life_ns)

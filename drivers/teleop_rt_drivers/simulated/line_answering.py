@@ -17,13 +17,14 @@ from teleop_rt_drivers.simulated import line_answer as kernels
 from teleop_rt_drivers.simulated.frame_devices import FramedServo, Sensor
 from teleop_rt_drivers.simulated.line_answer import LINES_DRIVE, SENSOR, Lines
 from teleop_rt_drivers.simulated.line_frames import LONGEST, WRENCH
-from teleop_rt_drivers.simulated.senses import MOST_ROWS, TrueRows
+from teleop_rt_drivers.simulated.senses import DRAWS, MOST_ROWS, TrueRows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.frame_devices import FrameDevice
+    from teleop_rt_drivers.simulated.hidden_motion import Matrix
     from teleop_rt_drivers.simulated.line_answer import DriveFields
     from teleop_rt_drivers.simulated.plant import Plant
 
@@ -117,7 +118,8 @@ class LineAnswering:
         usual = self.plugged and not faults and self._begin_drive()
         for row, sensor in enumerate(self._sensors):
             self._due_ns[row] = sensor.next_ns if usual else kernels.NEVER_NS
-        self._plant.draw(self.samples)
+        if self.samples:
+            self._plant.draw(DRAWS)
         return usual
 
     def _begin_drive(self) -> bool:
@@ -156,9 +158,9 @@ class LineAnswering:
         if self.drive is not None:
             self._epoll.close()
 
-    def new_rows(self) -> list[list[float]]:
-        """Return the rows of true motion since the last call."""
-        rows: list[list[float]] = self._true.rows[: self._true.new.item(0)].tolist()
+    def new_rows(self) -> Matrix:
+        """Return the rows of true motion (n, columns) since the last call, until the next run."""
+        rows = self._true.rows[: self._true.new.item(0)]
         self._true.new[0] = 0
         return rows
 

@@ -254,8 +254,7 @@ class Plant:
         draws[:left] = draws[first:last]
         count = len(draws) if self.answers else samples
         uniform, normal = self._random.random, self._random.standard_normal
-        for pair in range(left, count):
-            draws[pair] = uniform(), normal()
+        draws[left:count] = [(uniform(), normal()) for _ in range(left, count)]
         numbers[senses.NEXT_DRAW], numbers[senses.DRAWN] = 0, count
 
     def averaged_force(self, stamps_ns: Stamps, weights: Vector) -> float:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import select
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
+import numpy as np
+
 from teleop_rt.signals import TRUTH
 from teleop_rt_drivers.simulated.actuator_network import FRAME_FAULTS
 from teleop_rt_drivers.simulated.byte_faults import BYTE_FAULTS
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 
     from teleop_rt.config.rig import RigConfig
     from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
+    from teleop_rt_drivers.simulated.hidden_motion import Matrix
 
     DeviceName = Literal["encoder", "force sensor", "drive"]
 
@@ -90,8 +93,9 @@ class SimulatedRig:
     """One plant, and networks of devices around it.
 
     `truth_row` holds the newest row of `teleop_rt.signals.TRUTH`, of the last measurement;
-    `on_truth`, if set, is called with each. All stamps come from `now_ns`, all random numbers
-    from `seed`. The network that is `answering`, if any, waits for the others, too.
+    `on_truth`, if set, is called with each, and `on_truths` with rows that come together. All
+    stamps come from `now_ns`, all random numbers from `seed`. The network that is `answering`, if
+    any, waits for the others, too.
     """
 
     def __init__(
@@ -100,6 +104,7 @@ class SimulatedRig:
         self.plant = Plant(plant, now_ns(), seed)
         self.truth_row: list[float] = [0.0] * len(TRUTH)
         self.on_truth: Callable[[list[float]], None] | None = None
+        self.on_truths: Callable[[Matrix], None] | None = None
         self.networks: list[Network] = []
         self.answering: AnsweringNetwork | None = None
         self._units = rig.units
@@ -195,15 +200,21 @@ class SimulatedRig:
 
     def note_truth(self) -> None:
         """Note the plant's state as of its own time, once for each instant."""
-        self.note_rows([self.plant.motion_row()])
+        row = self.plant.motion_row()
+        if row[0] != self._noted_ns:
+            self._noted_ns, self.truth_row = row[0], row
+            if self.on_truth is not None:
+                self.on_truth(row)
 
-    def note_rows(self, rows: list[list[float]]) -> None:
-        """Note rows of `teleop_rt.signals.TRUTH`, once for each instant."""
-        for row in rows:
-            if row[0] != self._noted_ns:
-                self._noted_ns, self.truth_row = row[0], row
-                if self.on_truth is not None:
-                    self.on_truth(row)
+    def note_rows(self, rows: Matrix) -> None:
+        """Note rows (n, columns of `teleop_rt.signals.TRUTH`), once for each instant."""
+        stamps = rows[:, 0]
+        new = rows[np.diff(stamps, prepend=self._noted_ns) != 0.0]
+        if len(new) > 0:
+            self.truth_row = new[-1].tolist()
+            self._noted_ns = self.truth_row[0]
+            if self.on_truths is not None:
+                self.on_truths(new)
 
     def _network_of(self, device: str) -> Network:
         for network in self.networks:

@@ -13,6 +13,7 @@ from teleop_rt_drivers.simulated.faults import break_drive
 from teleop_rt_drivers.simulated.frame_devices import FramedServo, Sensor
 from teleop_rt_drivers.simulated.line_answering import line_answering
 from teleop_rt_drivers.simulated.line_frames import DRIVE, EDGES, WRENCH, WrittenFrame
+from teleop_rt_drivers.simulated.senses import LONGEST_ANSWERING_NS
 from teleop_rt_drivers.simulated.servo import ForceServo, PlainServo
 from teleop_rt_drivers.simulated.slow_converter import SlowConverter
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from teleop_rt_drivers.framed.config import SerialPart
     from teleop_rt_drivers.framed.stream import ByteStream
     from teleop_rt_drivers.simulated.frame_devices import FrameDevice
+    from teleop_rt_drivers.simulated.hidden_motion import Matrix
     from teleop_rt_drivers.simulated.plant import Plant
     from teleop_rt_drivers.simulated.rig import Network
 
@@ -76,10 +78,6 @@ SIMULATED: dict[str, MakeDevice] = {
     "force_drive_answer": _force_drive,
 }
 """Which device speaks a format."""
-LONGEST_ANSWERING_NS = 50_000_000
-"""So long at most a kernel answers before a signal and the true motion are looked at: Python
-takes as long as several answers each time, and a live page gets the motion 20 times a second."""
-
 
 NO_DESCRIPTOR = -1
 """In place of a stream's descriptor where it is in this process."""
@@ -101,7 +99,7 @@ class SerialNetwork:
         period_ns: int,
         seed: int,
         latched: Callable[[], None],
-        note: Callable[[list[list[float]]], None],
+        note: Callable[[Matrix], None],
     ) -> None:
         self.lost_frames = 0
         self.drive: FramedServo | None = None
@@ -156,8 +154,7 @@ class SerialNetwork:
         until_ns = min(until_ns, self._now_ns() + LONGEST_ANSWERING_NS)
         strange = answering.answer_until(until_ns, descriptors)
         self.end()
-        if rows := answering.new_rows():
-            self._note(rows)
+        self._note(answering.new_rows())
         now_ns = self._now_ns()
         self._plant.advance(now_ns)
         if strange:
