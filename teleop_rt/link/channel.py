@@ -11,9 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-from cryptography.exceptions import InvalidTag
-
-from teleop_rt.kernels.jit import bound
 from teleop_rt.link import intake
 from teleop_rt.link.budget import Budget
 from teleop_rt.link.codec import (
@@ -24,13 +21,11 @@ from teleop_rt.link.codec import (
     kind_of,
     pack_header,
 )
-from teleop_rt.link.door import OTHER, PacketDoor, receive_expected
-from teleop_rt.link.endpoint_state import EndpointState
+from teleop_rt.link.expected import ExpectedPackets
 from teleop_rt.link.handshake import Answerer, Caller
 from teleop_rt.link.keys import PeerKeys
 from teleop_rt.link.messages import (
     Kind,
-    Message,
     MessageError,
     ModelMessage,
     MotionMessage,
@@ -41,10 +36,10 @@ from teleop_rt.link.noise import TAG_BYTES, Body
 from teleop_rt.link.outgoing import Outgoing
 from teleop_rt.link.packet_kernels import load_kernels
 from teleop_rt.link.peer_clock import PeerClock
-from teleop_rt.link.session import NOT_AUTHENTIC, ReplayWindow, Session
+from teleop_rt.link.session import Session
 from teleop_rt.link.sessions import Sessions
 from teleop_rt.link.statistics import SENT, Statistics
-from teleop_rt.link.transport import Address, Transport, UdpTransport
+from teleop_rt.link.transport import Address, Transport
 
 Role = Literal["master", "slave"]
 
@@ -54,8 +49,6 @@ MOST_WAITING = 20_000
 """More than a socket's buffer holds: so many are dropped at most, also while others come."""
 HELLO_PERIOD_NS = 100_000_000
 """Time between two Hellos without an answer."""
-_PAIR = 2
-"""Packets of a slave's tick with a model: it sends that and a state."""
 NOTICES_PER_S = 10
 """Rate of messages about refused packets: a flood must not fill the log."""
 _DATA: dict[Role, frozenset[int]] = {
@@ -65,12 +58,11 @@ _DATA: dict[Role, frozenset[int]] = {
 
 
 # By these names a tick finds them at once.
-_KIND, _SEQUENCE = intake.KIND, intake.SEQUENCE
-_MOTION, _MODEL, _TAKEN = map(int, (Kind.MOTION, Kind.MODEL, Kind.TAKEN))
+_MODEL, _TAKEN = map(int, (Kind.MODEL, Kind.TAKEN))
 _PEER_STAMP, _PEER_STAMP_TAKEN = intake.PEER_STAMP, intake.PEER_STAMP_TAKEN
 
 
-class Endpoint(EndpointState):
+class Endpoint(ExpectedPackets):
     """One end of the link over a transport, in the role of master or slave.
 
     `poll()` drains all arrived packets, then `motion`, `model` and `state` hold the newest of
@@ -92,36 +84,32 @@ class Endpoint(EndpointState):
         one_way_max_ns: int | None = None,
         stale_after_ns: int = 100_000_000,
     ) -> None:
-        super().__init__()
-        self._data = _DATA[role]
-        self._kinds = sum(1 << kind for kind in self._data - {_TAKEN})
-        self.transport = transport
-        self._now_ns = now_ns
-        self._rate_hz = rate_hz
-        self._rates_hz = accepted_rates_hz
         now = now_ns()
         load_kernels()
-        self._caller = Caller(keys[0]) if role == "master" else None
-        callers = keys if role == "slave" else ()
+        data = _DATA[role]
+        callers, statistics = keys if role == "slave" else (), Statistics()
         self._answerer = Answerer(callers, rate_hz, accepted_rates_hz, now)
+        super().__init__(
+            transport,
+            Sessions(self._answerer, statistics, now, called=role == "slave"),
+            PeerClock(one_way_max_ns),
+            statistics,
+            words=intake.new_words(now, stale_after_ns),
+            now_ns=now_ns,
+            kinds=sum(1 << kind for kind in data - {_TAKEN}),
+        )
+        self._data = data
+        self._rate_hz = rate_hz
+        self._rates_hz = accepted_rates_hz
+        self._caller = Caller(keys[0]) if role == "master" else None
         self._notices = Budget(NOTICES_PER_S, now)
         self._hello_due_ns = now
-        self.words = intake.new_words(now, stale_after_ns)
-        self._numbers = self.words.data
         self._unsigned = self._numbers.cast("B").cast("Q")
-        self.clock = PeerClock(one_way_max_ns)
         self.taken_by: str | None = None
-        self._is_ahead = False
-        self.statistics = Statistics()
-        self._udp = transport if isinstance(transport, UdpTransport) else None
-        self._door: PacketDoor | None = None
         self._outgoing: Outgoing | None = None
         if self._udp is not None:
-            self._door = PacketDoor(self._udp.packets, self._udp.descriptor)
-            self._outgoing = Outgoing(self._udp, self.words, self.statistics.words)
-        self._bind(ReplayWindow())
-        self.sessions = Sessions(self._answerer, self.statistics, now, called=self._caller is None)
-        self._sent = self.statistics.words.data[SENT : SENT + 1]
+            self._outgoing = Outgoing(self._udp, self.words, statistics.words)
+        self._sent = statistics.words.data[SENT : SENT + 1]
 
     def poll(self) -> None:
         """Take in arrived packets, a bounded number of them, and keep the session alive.
@@ -140,49 +128,6 @@ class Endpoint(EndpointState):
         if self._caller is not None:
             self._call(self._caller, now_ns)
 
-    def take_ahead(self) -> None:
-        """Take in the one packet that nearly always waits, or a state and a model, before a poll.
-
-        Whatever else has come is that poll's.
-        """
-        if not self._is_ahead:
-            self.fresh_motion = self.fresh_state = False
-        self._is_ahead, now_ns = True, self._now_ns()
-        if not self._take_waiting(now_ns):
-            self._take_pair(now_ns)
-
-    def _take_waiting(self, now_ns: int) -> bool:
-        """Take in the only packet that waits, if it is expected; false where more is to be done."""
-        udp, door, session = self._udp, self._door, self.sessions.current
-        if udp is None or door is None or session is None or not udp.is_empty:
-            return False
-        length = self._receive_expected(udp.name, session.signed_id, self._kinds)
-        if length > 0:
-            sealed = door.newest if length == door.length else door.sealed(length)  # nearly always
-            try:
-                body = session.incoming.aead.decrypt(door.nonce, sealed, door.clear)
-            except InvalidTag:
-                self.statistics.reject(NOT_AUTHENTIC)
-            else:
-                self._take_expected(session, body, now_ns)
-        elif length == OTHER:
-            udp.take_up(door.received)
-            return False
-        return True
-
-    def _take_pair(self, now_ns: int) -> None:
-        """Take in two packets, if no more wait, up to one that is not expected."""
-        udp, session = self._udp, self.sessions.current
-        if udp is None or session is None or udp.held != _PAIR:
-            return
-        for _ in range(_PAIR):
-            packet = udp.next_held()
-            if not self._is_expected(packet, session.signed_id, self._kinds):
-                return
-            udp.receive()
-            self._try_expected(session, packet, now_ns)
-        udp.receive()  # nothing: it learns that it is empty
-
     def _poll_transport(self, now_ns: int) -> None:
         """Take in arrived packets, one by one."""
         self._answerer.new_poll()
@@ -199,15 +144,6 @@ class Endpoint(EndpointState):
                 self._take(packet, now_ns)
             except MessageError as error:
                 self.statistics.reject(error.reason)
-
-    def _bind(self, window: ReplayWindow) -> None:
-        """Connect the kernels of nearly every packet to the window of the open session."""
-        words = self.words, window.words
-        self._is_expected = bound(intake.is_expected, words, b"", 0, 0)
-        if self._door is not None:
-            self._receive_expected = bound(receive_expected, (*self._door.arrays, *words), 0, 0, 0)
-        more = self.clock.words, self.statistics.words, self.newest_motion.words
-        self._accept = bound(intake.accept, (*words, *more), b"", 0, 0, 0)
 
     def fix_clock(self) -> None:
         """Hold the peer's clock and the link's own delay from now on, if messages come."""
@@ -281,47 +217,6 @@ class Endpoint(EndpointState):
         else:
             raise MessageError("kind")
 
-    def _try_expected(self, session: Session, packet: Body, now_ns: int) -> None:
-        """Open a packet that is expected, and take it in."""
-        try:
-            body = session.open(packet, self._numbers[_SEQUENCE])
-        except MessageError as error:
-            self.statistics.reject(error.reason)
-        else:
-            self._take_expected(session, body, now_ns)
-
-    def _take_expected(self, session: Session, body: bytes, now_ns: int) -> None:
-        """Take in one more motion, state or model of the session that stands."""
-        sessions, sender = self.sessions, self.transport.sender
-        model, kind = None, self._numbers[_KIND]
-        if session.address is not sender:
-            self.transport.confirm_sender()
-            session.address = sender
-        sessions.accepted_ns = now_ns
-        if kind == _MODEL and (model := self._read_model(session, body)) is None:
-            return
-        if problem := self._accept(body, session.epoch, sessions.lost_before, now_ns):
-            try:
-                self._count_problem(problem)
-            except MessageError as error:
-                self.statistics.reject(error.reason)
-                return
-        if model is not None:
-            self.store(kind, body, model)
-        elif kind == _MOTION:
-            self._motion, self.fresh_motion = body, True
-        else:
-            self._state, self.fresh_state = body, True
-
-    def _read_model(self, session: Session, body: bytes) -> Message | None:
-        """Read a model before it counts as news; None for one that is refused, which is counted."""
-        try:
-            return decode(Kind.MODEL, body)
-        except MessageError as error:
-            session.window.add(self._numbers[_SEQUENCE])
-            self.statistics.reject(error.reason)
-            return None
-
     def _take_data(self, kind: int, packet: bytes, now_ns: int) -> None:
         """Take in a packet of the session; the steps are in the order of their cost."""
         if len(packet) < HEADER_BYTES + TAG_BYTES:
@@ -356,13 +251,6 @@ class Endpoint(EndpointState):
             self._give_way(read)
         else:
             self.store(kind, body, read)
-
-    def _count_problem(self, problem: int) -> None:
-        """Raise MessageError for a kernel's error code; a wrong echo is only counted."""
-        if problem >> intake.ECHO_SHIFT:
-            self.statistics.reject(intake.PROBLEMS[problem >> intake.ECHO_SHIFT])
-        if refused := problem & intake.REFUSED:
-            raise MessageError(intake.PROBLEMS[refused])
 
     def _move_to(self, session: Session, now_ns: int) -> None:
         """Move to another session; with a new conversation nothing of the last one is valid."""
