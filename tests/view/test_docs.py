@@ -163,10 +163,12 @@ document.head.append(still);
 def test_no_page_of_the_site_is_wider_than_its_window(chromium, site):
     too_wide = []
     with without_search(chromium):
+        widths = WIDTHS
         for page in sorted(site.rglob("*.html")):
             chromium.get(page.as_uri())
             chromium.execute_script(_STILL)
-            for width in WIDTHS:
+            widths = widths[::-1]  # begins with the one at which the page was loaded
+            for width in widths:
                 resize(chromium, width)
                 assert chromium.execute_script("return window.innerWidth") == width
                 if pixels := overflow(chromium):
