@@ -97,6 +97,11 @@ class CanDoor:
         """Look on this descriptor for new programs."""
         self.words[_COMERS] = descriptor | select.POLLIN << DESCRIPTOR_BITS
 
+    @property
+    def comers(self) -> int:
+        """The descriptor on which new programs come, -1 without."""
+        return int(self.words[_COMERS].astype(np.int32))
+
     def lend(self, *, all_comes: bool) -> bool:
         """Lend the door to kernels if all comes by it; return whether it is lent."""
         self.door.lent = all_comes

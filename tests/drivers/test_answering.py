@@ -301,3 +301,12 @@ def test_a_kernel_sends_the_devices_heartbeats_and_they_go_on_where_it_was(
         assert node.quiet_until_ns == 0, "its timers are looked at"
         node.run_timers(max(map(max, beats.values())) + 20_000_000)
     assert {name for name, *_ in side.end.waiting_frames(256)} == set(beats)
+
+
+def test_the_kernel_waits_for_the_socket_of_the_program_that_is_there(operational):
+    door = operational.network._bus.door
+    assert answered_until(operational, FAR_NS)
+    first, second = operational.network._answering._polls.astype(np.int32)
+    assert first == door.door.descriptor
+    # Time: a wait for the bus's own descriptor ends as well, and takes longer.
+    assert second == door.comers == operational.network._bus._listening.fileno()

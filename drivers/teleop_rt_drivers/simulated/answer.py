@@ -7,6 +7,7 @@ before in its target alone. `Answering` says when devices stand so that nothing 
 from __future__ import annotations
 
 import errno
+import select
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from teleop_rt.kernels.jit import kernel, shared
 from teleop_rt.kernels.record import record_type
 from teleop_rt.realtime.system_calls import FOUND_BITS, monotonic_ns, send_bytes, wait_ready
-from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, take_packets
+from teleop_rt_drivers.can_door import DESCRIPTOR_BITS, LENGTH_SHIFT, UNUSUAL, take_packets
 from teleop_rt_drivers.simulated.line_answer import (
     LONGEST_SILENCE_NS,
     NEVER_NS,
@@ -60,6 +61,7 @@ _ID_BYTES, _LENGTH_AT, _DATA_AT, _STAMP_AT, _WORD = 4, 4, 8, 16, 8
 _HEAD, _DATA, _STAMP = range(3)
 _BUS, _RING = range(2)
 """Places of the descriptors that are waited for."""
+_READABLE = select.POLLIN << DESCRIPTOR_BITS
 _TARGET_BITS = 32  # of a target position
 _AGAIN = errno.EAGAIN
 
@@ -240,6 +242,7 @@ def answer_until(
     if until_ns == 0:
         send_heartbeats(answer, monotonic_ns(answer.clock, c.clock))
         return take(answer, plant, hidden, door, lengths, slots)
+    polls[_BUS] = d.descriptor | _READABLE  # of the program that is there now
     happened, true = 0, answer.true
     silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
     while happened == 0 and true.new[0] < MOST_ROWS:

@@ -86,9 +86,10 @@ class Answering:
         """Wait for all these from now on; one that is readable ends it, but for the bus's own."""
         if descriptors == self._watched:
             return
-        self._watched, own = descriptors, self._bus.fileno()
+        self._watched, own, door = descriptors, self._bus.fileno(), self._bus.door
         others = [one for one in descriptors if one != own]
-        self._polls = poll_words([own, *self._timers, *others])
+        # Not the bus's own descriptor, which waits for several: a wait for it takes longer.
+        self._polls = poll_words([door.door.descriptor, *self._timers, door.comers, *others])
         self._bind_waiting()
 
     def send_meanwhile(self, lines: Lines, timer: int) -> None:
