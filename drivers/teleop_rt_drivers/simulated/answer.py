@@ -247,10 +247,10 @@ def answer_until(
     silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
     while happened == 0 and true.new[0] < MOST_ROWS:
         now_ns = monotonic_ns(answer.clock, c.clock)
-        end_ns = min(until_ns, silent_ns)
+        end_ns, beat_ns = min(until_ns, silent_ns), send_heartbeats(answer, now_ns)
         if now_ns >= end_ns:
             break
-        end_ns = min(end_ns, send_heartbeats(answer, now_ns) + HEARTBEAT_LATE_NS)
+        end_ns = min(end_ns, beat_ns + HEARTBEAT_LATE_NS)
         wait_ns = 0 if lines is not None and is_late(lines, now_ns) else end_ns - now_ns
         found = wait_ready(place, polls.size, answer.clock, c.clock, wait_ns)
         asked = found > 0 and polls[_BUS] >> FOUND_BITS != 0

@@ -127,6 +127,11 @@ class Answering:
                 self._plant.draw(self._cycle.samples)
             happened = self._go_on()
 
+    @property
+    def heartbeat_due_ns(self) -> int:
+        """When the next heartbeat is due that the kernel is to send [ns]."""
+        return int(self._beats["due_ns"].min(initial=NEVER_NS)) if self._stands else NEVER_NS
+
     def _pass_on(self) -> None:
         """Pass the true motion and the last heartbeat on that kernels have noted."""
         true = self._true

@@ -167,7 +167,7 @@ class CanopenNetwork:
             return ()
         self._answering.watch(descriptors)
         now_ns = self._now_ns()
-        until_ns = min(until_ns, self.due_ns(now_ns))
+        until_ns = min(until_ns, self._timers_due_ns(now_ns))
         beside = self._beside
         if beside is None:
             self._take(self._answering.left(until_ns))
@@ -194,7 +194,13 @@ class CanopenNetwork:
             self._run_timers(now_ns)
 
     def due_ns(self, now_ns: int) -> int:
-        """Return when the first timer ends; a time soon enough where one is looked at always."""
+        """Return when the first timer ends; a time soon enough where one is looked at always.
+
+        A heartbeat that a kernel is to send is due here, too: it may have no turn any more by then.
+        """
+        return min(self._timers_due_ns(now_ns), self._answering.heartbeat_due_ns)
+
+    def _timers_due_ns(self, now_ns: int) -> int:
         quiet_ns = min(device.quiet_until_ns for device in self._nodes)
         if quiet_ns <= now_ns:
             return now_ns + TIMERS_NS
