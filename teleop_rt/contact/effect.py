@@ -25,9 +25,7 @@ the shape parameters in the order of their declaration.
 
 BelongsTo = Literal["environment", "rig"]
 Stage = Literal["kinematics", "material", "tool", "sensor"]
-Compensation = Literal[
-    "render", "subtract_force", "correct_position", "shift_time", "mask", "none"
-]
+Compensation = Literal["render", "subtract_force", "correct_position", "shift_time", "mask", "none"]
 Family = Literal[
     "adhesion",
     "bias",
