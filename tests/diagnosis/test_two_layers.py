@@ -54,3 +54,20 @@ def test_a_rounded_lump_in_a_foam_needs_no_stiffening_beside_it() -> None:
     assert answer["class"] == [["second_layer"]]
     depth_m = answer["effects"][0]["parameters"]["depth"]
     assert abs(depth_m["value"] - 0.0032) < 4.0 * depth_m["std"] < 3e-4
+
+
+def test_a_layer_that_begins_gradually_is_no_spring_of_the_rig_beside_a_dry_guide() -> None:
+    t = np.arange(0.0, 24.0, DT)
+    presses = np.sin(np.pi * t / 3.0) ** 2 * (0.6 + 0.4 * np.sin(0.9 * t)) ** 2
+    x = -0.002 + 0.011 * presses + 2e-4 * np.sin(2.0 * np.pi * 2.3 * t)
+    v, depth = np.gradient(x, DT), np.maximum(x, 0.0)
+    # The interface lies at depths of 3.7 to 4.7 mm, as often at each.
+    places = np.linspace(0.0037, 0.0047, 41)
+    layer = 1900.0 * np.mean([np.maximum(depth - place, 0.0) for place in places], axis=0)
+    body = np.where(x > 0.0, np.maximum(850.0 * depth + 9.0 * v + layer, 0.0), 0.0)
+    force = body + 0.7 * np.tanh(v / 0.0015)
+    force += 0.02 * np.random.default_rng(8).standard_normal(t.size)
+    answer = diagnose(from_arrays("graded", t, x, force), "kelvin-voigt").answer
+    assert [set(names) for names in answer["class"]] == [{"second_layer", "coulomb_friction"}]
+    layer_found = next(e for e in answer["effects"] if e["name"] == "second_layer")
+    assert abs(layer_found["parameters"]["depth"]["value"] - 0.0042) < 2e-4

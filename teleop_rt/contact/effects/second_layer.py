@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import exp, log1p
 
 from teleop_rt.contact.effect import (
     OF_THE_SPRING,
@@ -19,6 +20,17 @@ from teleop_rt.kernels.jit import kernel
 @kernel
 def _beyond(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return float(max(x - eta[0], 0.0))
+
+
+@kernel
+def _gradually_beyond(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return x beyond a depth eta[0] that is spread by eta[1], as of an uneven layer."""
+    nearer = (x - eta[0]) / eta[1]
+    return float(
+        eta[1] * (max(nearer, 0.0) + log1p(exp(-abs(nearer))) - log1p(exp(-eta[0] / eta[1])))
+    )
 
 
 @kernel
@@ -92,6 +104,32 @@ EFFECTS = (
         shapes=(_LAYER_DEPTH,),
         step=_rounded_beyond,
         sentence="Below {depth} a rounded second layer adds {layer_stiffness}.",
+        compensation="render",
+        extends="",
+    ),
+    Effect(
+        name="second_layer",
+        law="gradual",  # an interface of two tissues is no plane
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
+        shapes=(
+            _LAYER_DEPTH,
+            Shape(
+                "spread",
+                "{x}",
+                5e-3,
+                0.2,
+                0.04,
+                logarithmic=True,
+                relative_to="travel",
+                points=3,
+                ideal="lower",
+            ),
+        ),
+        step=_gradually_beyond,
+        sentence="Below {depth}, within {spread}, a second layer adds {layer_stiffness}.",
         compensation="render",
         extends="",
     ),
