@@ -46,6 +46,23 @@ def test_a_single_fit_in_a_local_minimum_is_improved_by_a_pair() -> None:
     assert best.fit.chi2 < 0.5 * stuck.fit.chi2
 
 
+def test_a_fit_whose_parameters_are_all_zero_is_ranked_where_the_noise_is_uneven() -> None:
+    """The signs of a base and of an effect may hold all their parameters at 0."""
+    t, x, force = jumping(0.0, noise=1e-2)
+    base = base_of("kelvin-voigt")
+    recording = from_arrays("uneven", t, x, force)
+    problem = problem_of(recording, base, 0.0)
+    uneven = replace(problem.whitener, level=np.linspace(0.5, 1.5, t.size))
+    problem = replace(problem, whitener=uneven)
+    alone = fit_base(problem, base)
+    rank = Ranking(problem, alone, input_errors(problem.motion, recording), STEP_M)
+    dry = problem.solve(CandidateModel(base, (find("viscous_friction"),)), np.zeros(0))
+    nothing = replace(dry, theta=np.zeros(dry.theta.size), residual=problem.target)
+    ranked = rank(nothing)
+    assert ranked.gain < 0.0
+    assert ranked.noise_per_direction == ranked.left.noise_per_direction
+
+
 def test_a_pair_is_compared_with_effects_whose_amplitudes_are_zero() -> None:
     """The sign of an amplitude may hold it at 0: such an effect has no force, and no form errors.
 

@@ -134,12 +134,13 @@ class Ranking:
         `own` is the tangent space of a fit, of which the base's is no part.
         """
         level = self.problem.whitener.level
-        if np.all(level == 1.0):
-            return 1.0
         base = self._base_tangent_space
+        added = own - base @ (base.T @ own)
+        if np.all(level == 1.0) or not np.any(added):  # a fit without an amplitude adds none
+            return 1.0
         along, usual = (
             np.average(level**2, weights=sum(power_in_time(self.problem, row) for row in rows.T))
-            for rows in (own - base @ (base.T @ own), self.problem.flexible.directions)
+            for rows in (added, self.problem.flexible.directions)
         )
         return max(float(along / usual), 1.0)
 
