@@ -116,12 +116,13 @@ EFFECTS = (
         amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
         shapes=(
             _LAYER_DEPTH,
+            # Spread by more it is a body that stiffens all along.
             Shape(
                 "spread",
                 "{x}",
                 5e-3,
-                0.2,
-                0.04,
+                0.06,
+                0.03,
                 logarithmic=True,
                 relative_to="travel",
                 points=3,
