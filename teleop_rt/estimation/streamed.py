@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from teleop_rt.estimation.physical import NONE
 from teleop_rt.estimation.rows import RowSpec
 from teleop_rt.estimation.settings import PipelineSettings
 from teleop_rt.estimation.surface_motion import SurfaceMotion
+from teleop_rt.kernels.jit import bound
 
 Matrix = NDArray[np.float64]
 
@@ -44,7 +46,6 @@ class Streaming:
         moving = settings.corrections
         self._moving = [one for one in moving if one.effect.belongs_to == "environment"]
         self._plans = np.array([self._plan(one) for one in conversions])
-        self.write_wall(np.zeros(walls.AMPLITUDES))  # compiled and loaded now, not in a tick
 
     def _environment_terms(self) -> list[FittedEffect]:
         """Return the additive effects of the environment, with their amplitudes at the start."""
@@ -80,14 +81,16 @@ class Streaming:
             plan[i] = *conversion.entries.get(name, _NO_PLACE), default
         return plan
 
-    def write_wall(self, out: Vector) -> bool:
-        """Write the wall of the model to stream as `walls` has it; false while there is none.
+    def wall_writer(self, out: Vector) -> Callable[[], bool]:
+        """Return the function that writes the wall of the model to stream as `walls` has it.
 
-        `out` may have room for fewer effects than there are.
+        It returns false while there is none. `out` may have room for fewer effects than there are.
         """
-        motion = self._motion
-        shift, velocity = (0.0, 0.0) if motion is None else (motion.shift, motion.velocity)
-        return walls.write_selected(self._one, self._plans, out, shift, velocity)
+        motion, arrays = self._motion, (self._one, self._plans, out)
+        write = bound(walls.write_selected, arrays, 0.0, 0.0)
+        if motion is None:
+            return partial(write, 0.0, 0.0)
+        return lambda: write(motion.shift, motion.velocity)
 
     @property
     def effects(self) -> tuple[FittedEffect, ...]:

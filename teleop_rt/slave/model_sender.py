@@ -67,7 +67,8 @@ class ModelSender:
         self._seen[felt.POSITION] = math.nan
         self._terms = self._seen[felt.TERMS :]
         self._walls = sending.new_walls(felt.N_WALL)
-        self._new_wall = self._walls[felt.NEW]
+        new_wall = self._walls[felt.NEW]
+        self._write_wall, self._new_wall = streaming.wall_writer(new_wall), new_wall.data
         self._counts = stored.view(np.int64).data
         body = new_model()
         self._body = body.view(np.uint8).data
@@ -98,7 +99,7 @@ class ModelSender:
         slot = self._ticks // _EVERY_TICKS % sending.WINDOW
         self._counts[_SLOT] = slot
         streaming.write_effects(self._terms, slot)
-        there = streaming.write_wall(self._new_wall) and self._endpoint.connected
+        there = self._write_wall() and self._endpoint.connected
         now_ns = self._now_ns()
         if self._look(position, now_ns, there):
             self._write(now_ns)
@@ -115,7 +116,7 @@ class ModelSender:
         if count == 0 or record.counts[_MODEL] != LINEAR:
             return
         deepest = self._force_cap / max(record.floats[_MODEL_K], 1e-9)
-        amplitudes = self._new_wall[walls.AMPLITUDES :].tolist()
+        amplitudes = self._new_wall[walls.AMPLITUDES :]
         effects = self._streaming.effects[:count]
         record.floats[_ADDED] = sum(
             abs(amplitude) * slopes(one.effect, one.eta, deepest, 1e-3)[0]

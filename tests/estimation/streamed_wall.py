@@ -31,7 +31,7 @@ def streamed(pipeline: Pipeline) -> Wall | None:
     """Return the wall that is streamed now, None while there is none."""
     effects = pipeline.streaming.effects
     numbers = np.zeros(walls.AMPLITUDES + len(effects))
-    if not pipeline.streaming.write_wall(numbers):
+    if not pipeline.streaming.wall_writer(numbers)():
         return None
     code, *named = numbers[: walls.COUNT].tolist()
     count = int(numbers[walls.COUNT])

@@ -1,5 +1,6 @@
 """When a model is sent: when the hand would feel the difference, and to keep alive."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
@@ -41,11 +42,14 @@ class Bench:
     def write_effects(self, out: Vector, column: int) -> None:
         """There are none."""
 
-    def write_wall(self, out: Vector) -> bool:
-        out[walls.MODEL], out[walls.K], out[walls.N] = self.code, self.k, 1.0
-        out[walls.SURFACE], out[walls.SURFACE_VELOCITY] = self.surface, self.surface_velocity
-        out[walls.FORCE_STD] = self.force_std
-        return True
+    def wall_writer(self, out: Vector) -> Callable[[], bool]:
+        def write() -> bool:
+            out[walls.MODEL], out[walls.K], out[walls.N] = self.code, self.k, 1.0
+            out[walls.SURFACE], out[walls.SURFACE_VELOCITY] = self.surface, self.surface_velocity
+            out[walls.FORCE_STD] = self.force_std
+            return True
+
+        return write
 
     def run(self, count_ms: int) -> list[tuple[int, float]]:
         """Run so long; return the values sent meanwhile."""
