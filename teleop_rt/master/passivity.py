@@ -88,52 +88,59 @@ exceed its largest eigenvalue.
 
 
 @kernel
-def needed(of_stiffness: Array, of_damping: Array, stiffness: float, damping: float) -> float:
-    """Return the device's damping that K and B need at the worst tone."""
-    most = -math.inf
-    for tone in range(of_stiffness.shape[1]):
-        k, m = of_stiffness[:, tone], of_damping[:, tone]
-        a = stiffness * k[_A] + damping * m[_A]
-        d = stiffness * k[_D] + damping * m[_D]
-        re = stiffness * k[_RE] + damping * m[_RE]
-        im = stiffness * k[_IM] + damping * m[_IM]
+def needed(
+    of_stiffness: Array, of_damping: Array, room: Array, stiffness: float, damping: float
+) -> float:
+    """Return the device's damping that K and B need at the worst tone.
+
+    The needs of all tones come first, into `room` (tones,): so the processor finds eight at once.
+    """
+    k, m = of_stiffness, of_damping
+    for tone in range(len(room)):
+        a = stiffness * k[_A, tone] + damping * m[_A, tone]
+        d = stiffness * k[_D, tone] + damping * m[_D, tone]
+        re = stiffness * k[_RE, tone] + damping * m[_RE, tone]
+        im = stiffness * k[_IM, tone] + damping * m[_IM, tone]
         half = 0.5 * (a - d)
-        most = max(most, 0.5 * (a + d) + math.sqrt(half * half + re * re + im * im))
+        room[tone] = 0.5 * (a + d) + math.sqrt(half * half + re * re + im * im)
+    most = -math.inf
+    for tone in range(len(room)):
+        most = max(most, room[tone])
     return most
 
 
 @kernel
 def damping_within(
-    of_stiffness: Array, of_damping: Array, available: float, stiffness: float
+    of_stiffness: Array, of_damping: Array, room: Array, available: float, stiffness: float
 ) -> float:
     """Return the largest B beside a K for which b - K k - B m is positive at every tone.
 
-    At each tone it is the smallest root above 0 of a determinant, a parabola in B.
+    At each tone it is the smallest root above 0 of a determinant, a parabola in B; 0 where not
+    even B = 0 is. The tones come first, as in `needed`.
     """
-    most = math.inf
-    for tone in range(of_stiffness.shape[1]):
-        k, m = of_stiffness[:, tone], of_damping[:, tone]
-        left_a, left_d = available - stiffness * k[_A], available - stiffness * k[_D]
-        constant = left_a * left_d - stiffness * stiffness * k[_SQUARE]
-        if not constant > 0.0:
-            return 0.0
-        both = stiffness * (k[_RE] * m[_RE] + k[_IM] * m[_IM])
-        linear = -(left_a * m[_D] + left_d * m[_A]) - 2 * both
-        square = m[_A] * m[_D] - m[_SQUARE]
+    k, m = of_stiffness, of_damping
+    for tone in range(len(room)):
+        left_a, left_d = available - stiffness * k[_A, tone], available - stiffness * k[_D, tone]
+        constant = left_a * left_d - stiffness * stiffness * k[_SQUARE, tone]
+        both = stiffness * (k[_RE, tone] * m[_RE, tone] + k[_IM, tone] * m[_IM, tone])
+        linear = -(left_a * m[_D, tone] + left_d * m[_A, tone]) - 2 * both
+        square = m[_A, tone] * m[_D, tone] - m[_SQUARE, tone]
         under = linear * linear - 4 * square * constant
-        if under < 0.0:
-            continue
-        stable = -0.5 * (linear + math.copysign(math.sqrt(under), linear))
-        if square != 0.0 and stable / square >= 0.0:
-            most = min(most, stable / square)
-        if stable > 0.0:
-            most = min(most, constant / stable)
+        stable = -0.5 * (linear + math.copysign(math.sqrt(max(under, 0.0)), linear))
+        one = stable / square if square != 0.0 else math.inf
+        other = constant / stable if stable > 0.0 else math.inf
+        root = min(one if one >= 0.0 else math.inf, other)
+        real = root if under >= 0.0 else math.inf
+        room[tone] = real if constant > 0.0 else 0.0
+    most = math.inf
+    for tone in range(len(room)):
+        most = min(most, room[tone])
     return most
 
 
 @kernel
 def damping_within_alike(
-    of_stiffness: Array, of_damping: Array, available: float, stiffness: float
+    of_stiffness: Array, of_damping: Array, _room: Array, available: float, stiffness: float
 ) -> float:
     """Return the same where one number a tone, a, says it all."""
     most = math.inf
@@ -151,7 +158,7 @@ class PassivityBound:
         self.available = port.damping
         self._scale = port.position_scale * port.force_scale
         self._late_s = port.delay_s + 0.5 * port.period_s
-        needs = _needs(port)
+        needs = *_needs(port), np.zeros(GRID_POINTS)
         within = damping_within if np.any(needs[0][_RE:]) else damping_within_alike
         self._needed = bound(needed, needs, 0.0, 0.0)
         self._within = bound(within, needs, 0.0, 0.0)

@@ -105,3 +105,18 @@ def test_a_low_pass_lets_more_damping_be_rendered_than_a_raw_difference() -> Non
 def test_scaling_of_position_and_force_multiplies_the_need(scale: float) -> None:
     bound = PassivityBound(Port(T, 1.0, position_scale=scale, force_scale=2.0))
     assert bound.required_damping(1000.0, 0.0) == pytest.approx(0.5 * scale * 2.0)
+
+
+@pytest.mark.parametrize("delay_ms", [0.25, 1.7, 4.2])
+@pytest.mark.parametrize("cutoff_hz", [0.0, 30.0, 200.0])
+def test_the_largest_damping_beside_a_spring_needs_all_that_the_device_has(
+    delay_ms: float, cutoff_hz: float
+) -> None:
+    bound = PassivityBound(Port(T, 5.0, "difference", cutoff_hz, 1e-3 * delay_ms))
+    for share in np.linspace(0.0, 0.99, 23):
+        k = float(share * bound.stiffness_max)
+        most = bound.damping_max(k)
+        assert bound.required_damping(k, most) <= 5.0 * (1 + 1e-9)
+        assert bound.required_damping(k, 1.001 * most + 1e-6) > 5.0
+    for share in (1.001, 1.5, 20.0):
+        assert bound.damping_max(float(share * bound.stiffness_max)) == 0.0
