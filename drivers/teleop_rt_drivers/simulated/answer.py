@@ -1,13 +1,13 @@
 """The answers of CANopen devices to the frames of every cycle, as kernels: received, done, sent.
 
 The frames of every cycle are SYNC, the daemon's heartbeat, and a command that differs from the one
-before in its target alone. `Answering` says when devices stand so that nothing else happens.
+before in its target alone. `Answering` says when devices stand so that nothing else happens, and
+`answer_wait` waits for the frames.
 """
 
 from __future__ import annotations
 
 import errno
-import select
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,18 +15,10 @@ from numpy.typing import NDArray
 
 from teleop_rt.kernels.jit import kernel, shared
 from teleop_rt.kernels.record import record_type
-from teleop_rt.realtime.system_calls import FOUND_BITS, monotonic_ns, send_bytes, wait_ready
-from teleop_rt_drivers.can_door import DESCRIPTOR_BITS, LENGTH_SHIFT, UNUSUAL, take_packets
-from teleop_rt_drivers.simulated.line_answer import (
-    LONGEST_SILENCE_NS,
-    NEVER_NS,
-    NOTHING,
-    is_late,
-    send_due,
-)
+from teleop_rt.realtime.system_calls import monotonic_ns, send_bytes
+from teleop_rt_drivers.can_door import LENGTH_SHIFT, UNUSUAL, take_packets
 from teleop_rt_drivers.simulated.motion import POSITION, REFERENCE, VELOCITY, follow
 from teleop_rt_drivers.simulated.senses import (
-    MOST_ROWS,
     REPORTED_NS,
     clamped,
     in_counts,
@@ -41,13 +33,10 @@ from teleop_rt_drivers.simulated.senses import (
 if TYPE_CHECKING:
     from teleop_rt_drivers.can_door import Doors, Lengths
     from teleop_rt_drivers.can_frames import Slots
-    from teleop_rt_drivers.simulated.line_answer import Lines
     from teleop_rt_drivers.simulated.senses import Hidden, PlantArrays, TrueRows
 
 LONGEST_WAIT_NS = 50_000_000
 """A longer apparent wait of a frame means that the clock was set."""
-HEARTBEAT_LATE_NS = 1_000_000
-"""So long a heartbeat that is due waits for a frame that ends the wait in any case."""
 INT16, INT32 = 2**15 - 1, 2**31 - 1
 PER_THOUSAND = 1000.0  # of the rated torque, which CiA 402 counts in
 MORE, UNSENT, DRY, STRANGE = 1, 2, 4, 8
@@ -56,14 +45,14 @@ the next SYNC, and these frames are Python's: none of them has been done anythin
 """
 PLACES, SPEEDS, FORCES, TORQUES = range(4)
 """Kinds of measured objects: position, speed, force in steps, the drive's in thousandths."""
-# Layout of a waiting frame in bytes, then in words.
-_ID_BYTES, _LENGTH_AT, _DATA_AT, _STAMP_AT, _WORD = 4, 4, 8, 16, 8
-_HEAD, _DATA, _STAMP = range(3)
-_BUS, _RING = range(2)
-"""Places of the descriptors that are waited for."""
-_READABLE = select.POLLIN << DESCRIPTOR_BITS
+# Layout of a waiting frame in bytes.
+_ID_BYTES, _LENGTH_AT, _DATA_AT, _STAMP_AT = 4, 4, 8, 16
+WORD = 8
+"""Bytes of a word of a frame, which has three: head, data and stamp."""
+HEAD, DATA, STAMP = range(3)
 _TARGET_BITS = 32  # of a target position
-_AGAIN = errno.EAGAIN
+AGAIN = errno.EAGAIN
+"""Number of the error where a program's queue takes no frame."""
 
 
 class CycleFields:
@@ -174,7 +163,7 @@ def is_usual(answer: Answer, slots: Slots, row: int) -> bool:
         return True
     if can_id != c.command_id or slots[row, _LENGTH_AT] != c.command_bytes:
         return False
-    return bool(number_at(slots, row, _DATA_AT, _WORD) & c.same_mask == c.same)
+    return bool(number_at(slots, row, _DATA_AT, WORD) & c.same_mask == c.same)
 
 
 @kernel
@@ -208,7 +197,7 @@ def go_on(answer: Answer, plant: PlantArrays, hidden: Hidden | None, slots: Slot
         if can_id == c.sync_id and not is_drawn(plant, c.samples):
             return happened | DRY | MORE
         c.next_frame += 1
-        age_ns = here_ns - number_at(slots, row, _STAMP_AT, _WORD)
+        age_ns = here_ns - number_at(slots, row, _STAMP_AT, WORD)
         stamp_ns = here_ns - min(max(0, age_ns), LONGEST_WAIT_NS)
         if can_id == c.heartbeat_id:
             c.heard_ns = stamp_ns
@@ -221,85 +210,6 @@ def go_on(answer: Answer, plant: PlantArrays, hidden: Hidden | None, slots: Slot
             c.last = number_at(slots, row, _DATA_AT, c.command_bytes)
             c.pending = 1
     return happened | MORE if c.next_frame < c.frames else happened
-
-
-@kernel
-def answer_until(
-    answer: Answer, plant: PlantArrays, hidden: Hidden | None, door: Doors, lengths: Lengths,
-    slots: Slots, polls: Whole, lines: Lines | None, place: int, until_ns: int,
-) -> int:  # fmt: skip
-    """Answer cycle after cycle until then; return the events as `take` does, 0 at the end.
-
-    Sensors on `lines`, if there are any, send meanwhile, and nodes their heartbeats.
-
-    Until 0 it is `take`. It returns before its time where another of the `polls`, which lie at
-    `place`, is ready than the first, which is the bus's, and the second, the timer of lines; and
-    where Python has something to do.
-    """
-    c: Any = answer.cycle[0]
-    d: Any = door[0]
-    c.descriptor = d.descriptor
-    if until_ns == 0:
-        send_heartbeats(answer, monotonic_ns(answer.clock, c.clock))
-        return take(answer, plant, hidden, door, lengths, slots)
-    polls[_BUS] = d.descriptor | _READABLE  # of the program that is there now
-    happened, true = 0, answer.true
-    silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
-    while happened == 0 and true.new[0] < MOST_ROWS:
-        now_ns = monotonic_ns(answer.clock, c.clock)
-        end_ns, beat_ns = min(until_ns, silent_ns), send_heartbeats(answer, now_ns)
-        if now_ns >= end_ns:
-            break
-        end_ns = min(end_ns, beat_ns + HEARTBEAT_LATE_NS)
-        wait_ns = 0 if lines is not None and is_late(lines, now_ns) else end_ns - now_ns
-        found = wait_ready(place, polls.size, answer.clock, c.clock, wait_ns)
-        asked = found > 0 and polls[_BUS] >> FOUND_BITS != 0
-        rings = found > 0 and lines is not None and polls[_RING] >> FOUND_BITS != 0
-        if found != asked + rings:
-            break
-        if asked:
-            happened = take(answer, plant, hidden, door, lengths, slots)
-            if c.frames == 0:  # no frame: somebody comes or goes
-                break
-            while happened == MORE and true.new[0] < MOST_ROWS:
-                happened = go_on(answer, plant, hidden, slots)
-            silent_ns = monotonic_ns(answer.clock, c.clock) + LONGEST_SILENCE_NS
-        if not is_due(answer, plant, hidden, lines) and not asked:
-            break
-    return happened
-
-
-@kernel
-def send_heartbeats(answer: Answer, now_ns: int) -> int:
-    """Send the heartbeats that are due; return when the next one is."""
-    c: Any = answer.cycle[0]
-    beat = answer.beat
-    next_ns = NEVER_NS
-    for node in range(answer.beats.size):
-        b: Any = answer.beats[node]
-        if b.due_ns <= now_ns:
-            late = now_ns - b.due_ns > b.period_ns
-            b.due_ns = (now_ns if late else b.due_ns) + b.period_ns
-            beat[_HEAD], beat[_DATA], beat[_STAMP] = b.head, b.state, now_ns
-            c.unsent += send_bytes(c.descriptor, c.beating, beat.size * _WORD) == -_AGAIN
-        next_ns = min(next_ns, b.due_ns)
-    return next_ns
-
-
-@kernel
-def is_due(
-    answer: Answer, plant: PlantArrays, hidden: Hidden | None, lines: Lines | None
-) -> bool:  # fmt: skip
-    """Send the measurements that are due on lines; return whether there was one."""
-    c: Any = answer.cycle[0]
-    true = answer.true
-    if lines is None or true.new[0] == MOST_ROWS:
-        return False
-    now_ns = monotonic_ns(answer.clock, c.clock)
-    if send_due(lines, plant, hidden, now_ns) == NOTHING:
-        return False
-    note(true, plant)
-    return True
 
 
 @kernel
@@ -317,13 +227,13 @@ def sync(answer: Answer, plant: PlantArrays) -> int:
     packet = answer.packet
     now_ns = monotonic_ns(answer.clock, c.clock)
     for frame in range(packet.shape[0]):
-        packet[frame, _DATA], packet[frame, _STAMP] = answer.constant[frame], now_ns
+        packet[frame, DATA], packet[frame, STAMP] = answer.constant[frame], now_ns
     for index in range(answer.measured.size):
         m: Any = answer.measured[index]
         value = np.int64(measured(m.kind, m.zero, m.step, plant)) & np.int64(m.mask)
-        packet[m.frame, _DATA] |= value << np.int64(m.at)
-    failed = send_bytes(c.descriptor, c.sending, packet.size * _WORD)
-    return UNSENT if failed == -_AGAIN else 0  # of who has left nothing more is heard
+        packet[m.frame, DATA] |= value << np.int64(m.at)
+    failed = send_bytes(c.descriptor, c.sending, packet.size * WORD)
+    return UNSENT if failed == -AGAIN else 0  # of who has left nothing more is heard
 
 
 @kernel

@@ -14,6 +14,7 @@ from teleop_rt_drivers.can_door import UNUSUAL, poll_words
 from teleop_rt_drivers.can_frames import FRAME, unpacked_plainly
 from teleop_rt_drivers.simulated import answer as kernels
 from teleop_rt_drivers.simulated.answer import BEAT, CYCLE, MEASURED, Answer, head_of
+from teleop_rt_drivers.simulated.answer_wait import answer_until
 from teleop_rt_drivers.simulated.line_answer import NEVER_NS
 from teleop_rt_drivers.simulated.senses import DRAWS, MOST_ROWS, TrueRows
 
@@ -242,7 +243,7 @@ class Answering:
         """Bind the kernel that waits to the descriptors on which it does."""
         arrays = *self._arrays, *self._bus.door.arrays, self._polls, self._lines
         self._place = self._polls.ctypes.data
-        self._take = bound(kernels.answer_until, arrays, 0, 0)
+        self._take = bound(answer_until, arrays, 0, 0)
 
 
 def _bytes(number: int) -> bytes:
