@@ -127,6 +127,13 @@ class Master:
         self._decide(now_ns)
         self._act(now_ns)
 
+    def take_ahead(self) -> None:
+        """Take in waiting packets ahead of a tick, and make the wall of a model among them."""
+        endpoint = self.endpoint
+        endpoint.take_ahead()
+        if self._coupling is None and self.engagement.state is ENGAGED:
+            self.intake.prepare(endpoint.model)
+
     def _sense(self, now_ns: int) -> None:
         """Take in the operator's motion and the news of this tick."""
         endpoint = self.endpoint

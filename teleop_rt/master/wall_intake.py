@@ -66,12 +66,22 @@ class WallIntake:
         """Forget the agreement with the slave."""
         self._phantom.reset()
         self.model: ModelMessage | None = None
+        self._prepared: tuple[ModelMessage | None, Wall | None] = None, None
         self.acknowledged = 0
         self.provisional = self.reflecting = False
         self._met, self._free_to = 0, -math.inf
         self.rhythm.reset()
         self._pressed = False
         self._moves_since = math.inf
+
+    def prepare(self, model: ModelMessage | None) -> None:
+        """Screen a new model ahead of the tick that will take it, and make its wall.
+
+        Effects wait for that tick: their memories follow the hand from then on.
+        """
+        known = model is None or model is self.model or model is self._prepared[0]
+        if model is not None and not known and not model.effects:
+            self._prepared = model, self._wall_of(model)
 
     def take(
         self,
@@ -102,11 +112,10 @@ class WallIntake:
         self, model: ModelMessage, hand: float, one_way_s: float, now_s: float | None = None
     ) -> None:
         self.model = model
-        checked = self._screening.check(model)
-        terms = self._effects.terms(model.effects, model.time_s)
-        if terms is None:
-            self._screening.refuse("unknown effect")
-        wall = None if checked is None or terms is None else wall_of(checked, terms)
+        prepared, wall = self._prepared
+        self._prepared = None, None
+        if prepared is not model:
+            wall = self._wall_of(model)
         if wall is None:
             return
         seen_s = self._seen_moving_s(wall, model.time_s)
@@ -115,6 +124,14 @@ class WallIntake:
             wall = replace(wall, surface=self._free_to)
         if self._adopt(wall, hand):
             self.acknowledged = max(self.acknowledged, model.contact_id)
+
+    def _wall_of(self, model: ModelMessage) -> Wall | None:
+        """Return the wall of a model; None where it is refused, or nothing is to be rendered."""
+        checked = self._screening.check(model)
+        terms = self._effects.terms(model.effects, model.time_s)
+        if terms is None:
+            self._screening.refuse("unknown effect")
+        return None if checked is None or terms is None else wall_of(checked, terms)
 
     def _as_it_is(self, wall: Wall, one_way_s: float, seen_s: float, now_s: float | None) -> Wall:
         """Return a wall whose surface has moved on since it was seen: in its rhythm or straight.

@@ -199,7 +199,7 @@ def master_main(
         reported = link_reported(lambda: endpoint.trouble_code(time.monotonic_ns()), side.emit)
     try:
         with reported:
-            clock = RealClock(master.period_ns, ahead=endpoint.take_ahead)
+            clock = RealClock(master.period_ns, ahead=master.master.take_ahead)
             run_loop(clock, master.cycle, should_stop)
     finally:
         master.close()

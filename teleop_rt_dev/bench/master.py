@@ -1,7 +1,8 @@
 """The master's cycle with an operator's device, the link over real sockets, on simulated time.
 
-The link's packets are taken in ahead of the cycle, as a real loop's clock does. The device, its
-plant and the slave are in the same process; the time of all these is left out.
+The link's packets are taken in ahead of the cycle, and the wall of a model among them is made, as
+in a real loop's clock. The device, its plant and the slave are in the same process; the time of all
+these is left out.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def measure() -> dict[str, float]:
     devices, work, cycle = Devices(), [], MasterSide.cycle
 
     def timed(side: MasterSide) -> None:
-        side.endpoint.take_ahead()
+        side.master.take_ahead()
         elsewhere_ns, started_ns = devices.spent_ns, time.perf_counter_ns()
         cycle(side)
         taken_ns = time.perf_counter_ns() - started_ns

@@ -7,6 +7,7 @@ import pytest
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import generate_key, load_own_key
+from teleop_rt.master.master import Master
 from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt.trial import process_main
 from teleop_rt.trial.side import Side
@@ -37,9 +38,10 @@ def test_a_master_reports_what_the_system_refused(run_master):
     assert run_master() == {"ready": {"privileges": ["SCHED_FIFO: refused (no); ask"]}}
 
 
-def test_a_master_takes_the_slave_s_packets_in_ahead_of_its_ticks(run_master, monkeypatch):
+@pytest.mark.parametrize("taker", [Endpoint, Master])
+def test_a_master_takes_the_slave_s_packets_in_ahead_of_its_ticks(run_master, monkeypatch, taker):
     taken = []
-    monkeypatch.setattr(Endpoint, "take_ahead", lambda _: taken.append(True))
+    monkeypatch.setattr(taker, "take_ahead", lambda _: taken.append(True))
 
     def one_tick(clock, *_) -> None:
         for _ in range(MOST_TICKS):
