@@ -90,7 +90,13 @@ class UdpTransport:
     while its address is no number.
     """
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 0, peer: Address | None = None) -> None:
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        peer: Address | None = None,
+        if_taken: str = "choose another port (0 takes a free one)",
+    ) -> None:
         self.peer_name = np.zeros(SENDER_BYTES, np.uint8)
         self.peer = None if peer is None else _resolved(peer)
         self.unsent = 0
@@ -104,7 +110,7 @@ class UdpTransport:
             self._socket.close()
             raise LinkError(
                 f"cannot bind UDP {host}:{port}: {error.strerror}; "
-                "choose another port (0 takes a free one) or an address of this machine"
+                f"{if_taken} or an address of this machine"
             ) from error
         self.packets = Packets(_AT_ONCE, MAX_DATAGRAM, named=True)
         self.descriptor = self._socket.fileno()

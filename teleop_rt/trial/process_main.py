@@ -44,6 +44,8 @@ _SIMULATED_LOST = (
     " simulated; then reset and arm"
 )
 
+_FREE = "(0 takes a free one)"
+
 ShouldStop = Callable[[], bool]
 OpenAxis = Callable[[Callable[[], int]], Axis]
 """Opens the rig's axis, given the clock [ns] by which it stamps."""
@@ -74,7 +76,10 @@ def slave_main(
     hears is stop, and it is raised again.
     """
     trial, ring_folder, alone = side.trial, side.ring_folder, side.alone
-    with _held(trial, open_axis, reloaded=configs.before is not None) as held:
+    other_port = f"choose another link.slave_port {_FREE}"
+    if alone is not None:
+        other_port = "give both sides another link.slave_port"
+    with _held(trial, open_axis, other_port, reloaded=configs.before is not None) as held:
         now_ns = time.monotonic_ns
         endpoint = make_endpoint("slave", trial, held.transport, keys, now_ns)
         slave = make_slave(trial, held.axis, endpoint, now_ns, ring_folder, measure_work=True)
@@ -118,17 +123,20 @@ class _Held:
 
 
 @contextmanager
-def _held(trial: TrialConfig, open_axis: OpenAxis, *, reloaded: bool) -> Iterator[_Held]:
+def _held(
+    trial: TrialConfig, open_axis: OpenAxis, other_port: str, *, reloaded: bool
+) -> Iterator[_Held]:
     """Take the port, the axis and the loop's privileges, and give all of it back.
 
-    Whoever refuses meanwhile: the next config needs it. The axis is stopped before it is closed.
+    Whoever refuses meanwhile: the next config needs it. `other_port` is the next step where the
+    port is taken. The axis is stopped before it is closed.
     """
     link = trial.link
     peer = (link.host, link.master_port) if link.master_port else None
     with ExitStack() as stack:
         stack.callback(remember_process())
         transport = stack.enter_context(
-            closing(UdpTransport(link.bind_host, link.slave_port, peer))
+            closing(UdpTransport(link.bind_host, link.slave_port, peer, other_port))
         )
         axis = stack.enter_context(closing(open_axis(time.monotonic_ns)))
         stack.callback(axis.stop)
@@ -189,7 +197,9 @@ def master_main(
     operator = operator_of(trial, folder, open_device)
     link = trial.link
     peer = (link.host, link.slave_port)
-    transport = UdpTransport(link.bind_host, link.master_port, peer)
+    transport = UdpTransport(
+        link.bind_host, link.master_port, peer, f"choose another link.master_port {_FREE}"
+    )
     endpoint = make_endpoint("master", trial, transport, keys, time.monotonic_ns)
     master = MasterSide(trial, operator, endpoint, time.monotonic_ns, side.ring_folder)
     asked = prepare_process(MASTER_PRIORITY)

@@ -77,6 +77,8 @@ def test_a_port_in_use_is_named_with_the_next_step() -> None:
     first = UdpTransport()
     with pytest.raises(LinkError, match=rf"127\.0\.0\.1:{first.port}.*another port"):
         UdpTransport(port=first.port)
+    with pytest.raises(LinkError, match=r"in use; take another or an address of this machine$"):
+        UdpTransport(port=first.port, if_taken="take another")
     first.close()
 
 

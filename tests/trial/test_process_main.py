@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import pytest
 
 from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.link.channel import Endpoint
 from teleop_rt.link.keys import generate_key, load_own_key
+from teleop_rt.link.transport import LinkError, UdpTransport
 from teleop_rt.master.master import Master
 from teleop_rt.realtime.scheduling import Privilege
 from teleop_rt.trial import process_main
-from teleop_rt.trial.side import Side
+from teleop_rt.trial.side import Configs, Side
 from teleop_rt_dev.paths import SILICONE
 
 MOST_TICKS = 1000
@@ -51,3 +54,18 @@ def test_a_master_takes_the_slave_s_packets_in_ahead_of_its_ticks(run_master, mo
     monkeypatch.setattr(process_main, "run_loop", one_tick)
     run_master()
     assert len(taken) == 1
+
+
+@pytest.mark.parametrize(
+    ("alone", "step"),
+    [
+        (None, r"choose another link\.slave_port \(0 takes a free one\)"),
+        (object(), r"give both sides another link\.slave_port"),
+    ],
+)
+def test_only_a_slave_of_a_run_is_offered_port_0(tmp_path, alone, step):
+    with closing(UdpTransport()) as taken:
+        trial = load_trial_file(SILICONE, [f"link.slave_port={taken.port}"])
+        side = Side(trial, tmp_path, tmp_path, print, alone)
+        with pytest.raises(LinkError, match=rf"in use; {step} or an address of this machine"):
+            process_main.slave_main(side, Configs(), None, None, lambda: True, arm=False)
