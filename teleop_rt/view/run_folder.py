@@ -150,6 +150,11 @@ def read_recorded(folder: Path) -> Mapping[str, Columns]:
     recording_of(folder)
     whole = count_messages(recording).get("/slave", 0) <= MOST_ROWS["/slave"]
     topics = read_topics(recording, TOPICS, _SIGNALS, MOST_ROWS if whole else ROWS_OF_LONGER)
+    if "/slave" not in topics and "/master" in topics:
+        raise RecordingError(
+            f"{folder}: the master ran alone here and was cut off, and a report needs both sides: "
+            f"`teleop-rt live {folder}` shows this recording"
+        )
     if "/slave" not in topics:
         raise RecordingError(
             f"{recording}: has no tick of a slave: the run ended before its first one; run it again"

@@ -15,6 +15,7 @@ from teleop_rt.metrics import in_percent
 from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
 from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_safety, worst
 from teleop_rt.trial.summary_file import read_summary
+from teleop_rt.view.run_folder import read_trial
 from teleop_rt.view.style import model_name, parameter
 
 _PARTS = {"felt_force": "felt force", "phantom": "force in free air"}
@@ -54,13 +55,23 @@ def _listed(folder: Path) -> Listed:
     try:
         summary = read_summary(folder)
         if summary is None:
-            return Listed(str(folder), began_at(folder), None, "attention", "cut off: no summary")
+            return Listed(
+                str(folder), began_at(folder), _named(folder), "attention", "cut off: no summary"
+            )
         if "side" in summary:
             return _of_one_side(folder, summary)
         return _of_summary(folder, summary)
     except (RecordingError, KeyError, TypeError):
         ended = "summary of another version, or damaged"
         return Listed(str(folder), began_at(folder), None, "unknown", ended)
+
+
+def _named(folder: Path) -> str | None:
+    """Return the name in trial.yaml, or None where it cannot be read."""
+    try:
+        return str(read_trial(folder)["name"])
+    except RecordingError:
+        return None
 
 
 def _of_one_side(folder: Path, summary: dict[str, Any]) -> Listed:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import sys
+from contextlib import closing
 from dataclasses import replace
 from datetime import datetime
 from html import unescape
@@ -18,8 +19,11 @@ from schema_checks import violations
 from teleop_rt.cli import main
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.config.section import Units
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
 from teleop_rt.realtime.alarms import of_recorder
+from teleop_rt.realtime.recording import RecordingWriter
+from teleop_rt.signals import MASTER, MASTER_TOPIC
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.processes import Child
 from teleop_rt.trial.rebuild import rebuilt_summary
@@ -534,3 +538,20 @@ def test_a_single_peak_survives_thinning_and_the_columns_stay_of_one_table():
     values[200:203] = np.nan  # shorter than a bucket
     assert np.isnan(values[kept_rows([values], 2400)]).any()
     assert np.array_equal(kept_rows([values[:10]], 2400), np.arange(10))
+
+
+def test_a_master_alone_that_was_killed_is_reported_as_such_and_listed_by_its_trial(
+    good, call, tmp_path
+):
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    shutil.copy(good / "trial.yaml", folder)
+    units = Units(position="m", force="N")
+    with closing(RecordingWriter(folder / "recording.mcap", units)) as writer:
+        writer.add_topic(MASTER_TOPIC, MASTER)
+        writer.write_rows(MASTER_TOPIC, np.zeros((10, len(MASTER))))
+    code, _, error = call("report", folder)
+    assert code == 2
+    assert "the master ran alone here and was cut off" in error
+    (row,) = (json.loads(line) for line in call("runs", folder, "--json")[1].splitlines())
+    assert (row["trial"], row["ended"]) == ("silicone_cube", "cut off: no summary")
