@@ -21,6 +21,7 @@ from teleop_rt.interrupts import StopRequest
 from teleop_rt.link.keys import default_key, load_keys, load_own_key
 from teleop_rt.link.transport import LinkError
 from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
+from teleop_rt.realtime.rig_locks import simulation_held
 from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.realtime.scheduling import prepare_process
 from teleop_rt.service.place import Claim, claimed
@@ -150,7 +151,10 @@ def run_sim(
     trial_file: Path, overrides: list[str] | None, out: Path | None, *, as_json: bool
 ) -> None:
     """Run the simulated rig: a plant, and devices that exchange real bytes."""
-    with _side("sim", trial_file, overrides, out, as_json=as_json) as side:
+    with (
+        _side("sim", trial_file, overrides, out, as_json=as_json) as side,
+        simulation_held(registry.reached_by(side.trial.rig)),
+    ):
         _simulate(side, trial_file)
 
 

@@ -14,7 +14,7 @@ import re
 import stat
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from teleop_rt.errors import ExpectedError
@@ -23,6 +23,16 @@ CHOSEN = "TELEOP_RT_RUN_DIR"
 _LOCKS = Path("/run/lock")
 _LONGEST_NAME = 60
 """Characters of a rig's name in the path of a socket, which may have 108."""
+
+
+_RIG_IN_USE = (
+    "this rig is in use by process {holder}, which holds {path}: end it first "
+    "(`teleop-rt status` shows it)"
+)
+_SIMULATED_ALREADY = (
+    "this rig is simulated already, by process {holder}, which holds {path}: end that one first, "
+    "or give this one another bus or folder"
+)
 
 
 class BusyError(ExpectedError):
@@ -89,7 +99,7 @@ def locks_of(folder: Path, reached_by: Sequence[str]) -> list[Path]:
 
 
 @contextmanager
-def devices_held(reached_by: Sequence[str]) -> Iterator[None]:
+def devices_held(reached_by: Sequence[str], in_use: str = _RIG_IN_USE) -> Iterator[None]:
     """Hold the buses and ports of a rig for work on its devices, as a daemon holds them.
 
     Raises BusyError while another process holds one of them, PlaceError as `made_run_folder`.
@@ -98,24 +108,32 @@ def devices_held(reached_by: Sequence[str]) -> Iterator[None]:
     try:
         for path in locks_of(made_run_folder(), reached_by):
             if path not in taken:
-                taken[path] = locked(path)
+                taken[path] = locked(path, in_use)
         yield
     finally:
         close(taken, but={})
 
 
-def locked(path: Path) -> int:
-    """Return a descriptor that holds this lock. Raises BusyError, PlaceError."""
+def simulation_held(reached_by: Sequence[str]) -> AbstractContextManager[None]:
+    """Hold the simulated side of a rig's buses and ports, whose other side a daemon may hold.
+
+    Two simulated rigs on one bus would both answer. Raises as `devices_held`.
+    """
+    return devices_held([f"simulated {device}" for device in reached_by], _SIMULATED_ALREADY)
+
+
+def locked(path: Path, in_use: str = _RIG_IN_USE) -> int:
+    """Return a descriptor that holds this lock.
+
+    Raises BusyError with the message `in_use`, in which holder and path are filled in; PlaceError.
+    """
     descriptor = _open(path)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         holder = os.pread(descriptor, 100, 0).decode(errors="replace").strip() or "another"
         os.close(descriptor)
-        raise BusyError(
-            f"this rig is in use by process {holder}, which holds {path}: end it first "
-            "(`teleop-rt status` shows it)"
-        ) from None
+        raise BusyError(in_use.format(holder=holder, path=path)) from None
     with contextlib.suppress(OSError):  # a file that another user's daemon left is only read
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)

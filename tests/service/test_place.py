@@ -4,9 +4,17 @@ import sys
 
 import pytest
 
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.realtime import rig_locks
 from teleop_rt.realtime.histogram import TimingHistograms
-from teleop_rt.realtime.rig_locks import BusyError, PlaceError, name_of, run_folder
+from teleop_rt.realtime.rig_locks import (
+    BusyError,
+    PlaceError,
+    devices_held,
+    name_of,
+    run_folder,
+    simulation_held,
+)
 from teleop_rt.realtime.ring_folder import describe, new_ring_folder, publish
 from teleop_rt.service import place
 from teleop_rt.service.client import DaemonError, find
@@ -14,6 +22,8 @@ from teleop_rt.service.commands import show
 from teleop_rt.service.local_socket import bind
 from teleop_rt.service.mailbox import CommandBox
 from teleop_rt.service.place import Claim, claimed, places
+from teleop_rt_dev.paths import SILICONE
+from teleop_rt_drivers import registry
 
 pytestmark = pytest.mark.usefixtures("run_dir")
 
@@ -231,3 +241,14 @@ def test_a_rig_stays_held_and_found_from_one_config_to_the_next(ring_folder, own
                 claimed("A copy", [held], ring_folder).__enter__()
     with claimed("Bench rig", ["can1", "can2"], ring_folder) as place:
         assert place.name == "bench-rig"
+
+
+def test_a_bus_is_simulated_once_beside_the_daemon_that_uses_it(call, tmp_path):
+    folder = f"rig.axis.folder={tmp_path}/ports"
+    rig = ("--set", "rig=../rigs/simulated_serial.yaml", "--set", folder)
+    reached_by = registry.reached_by(load_trial_file(SILICONE, [*rig[1::2]]).rig)
+    with simulation_held(reached_by), devices_held(reached_by):
+        code, _, error = call("sim", SILICONE, *rig, "--out", tmp_path / "sim")
+    assert code == 2
+    assert f"this rig is simulated already, by process {os.getpid()}, which holds" in error
+    assert not (tmp_path / "sim").exists()
