@@ -125,8 +125,11 @@ class PlainEvents:
         self._side = side
 
     def __call__(self, event: str, **content: Any) -> None:
-        """Print an event; problems are printed at the end of the program."""
-        if event == "problem":
+        """Print an event; problems are printed at the end of the program.
+
+        The truth of a simulated handle is numbers for a run's truth.json.
+        """
+        if event in {"problem", "truth"}:
             return
         lines = [_in_words(event, content)]
         if event == "done":

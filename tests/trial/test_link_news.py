@@ -57,3 +57,8 @@ def test_a_slave_to_which_nothing_came_names_the_checks_at_its_end(received, sai
     PlainEvents("slave")("done", link=link, safety=safety, missed_ticks=0)
     lines = capsys.readouterr().out.splitlines()
     assert lines[1:] == said * [f"slave: link: {TROUBLES[NOTHING_TROUBLE][1]}"]
+
+
+def test_the_truth_of_a_simulated_handle_is_no_line_for_people(capsys):
+    PlainEvents("master")("truth", handle={"energy_J": 1.5})
+    assert capsys.readouterr().out == ""
