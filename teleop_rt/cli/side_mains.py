@@ -53,7 +53,7 @@ def run_slave(
     gc.freeze()  # a collection before the loop would look through all modules, for 0.1 s
     with Claim() as claim:
         end = _rounds(claim, trial_file, key, overrides, out, arm=arm, as_json=as_json)
-    leave_on_fault(end.outcome["safety"])
+    leave_on_fault(end.outcome["safety"], "start the slave again")
 
 
 def _rounds(

@@ -207,7 +207,7 @@ def _finish(summary: dict[str, Any], failure: ProcessFailedError | None) -> None
     if failure is not None:
         print(failure, file=sys.stderr)
         raise typer.Exit(failure.code)
-    leave_on_fault(summary["safety"])
+    leave_on_fault(summary["safety"], "start the run again")
 
 
 def run_in(trial_file: Path, changes: list[str], clock: str, folder: Path) -> Mapping[str, Any]:

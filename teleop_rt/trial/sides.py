@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.axis import Axis
+from teleop_rt.axis import Axis, AxisFault
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.link.channel import Endpoint, Role
 from teleop_rt.link.impairment import ImpairedTransport, Impairment
@@ -19,7 +19,14 @@ from teleop_rt.link.transport import Transport
 from teleop_rt.realtime.ring_folder import publish
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 from teleop_rt.slave.estimate_log import EstimateLog
-from teleop_rt.slave.faults import DRIVER, LATE_TICKS, SAMPLES_LOST, Fault
+from teleop_rt.slave.faults import (
+    DRIVE_SILENT,
+    DRIVER,
+    LATE_TICKS,
+    SAMPLES_LOST,
+    Fault,
+    of_axis,
+)
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.late import cause, late_outcome
@@ -98,6 +105,13 @@ def link_outcome(endpoint: Endpoint) -> dict[str, Any]:
     }
 
 
+def _behind(slave: Slave) -> Fault:
+    """Return the slave's fault, or the one behind it: with a device lost, no drive is enabled."""
+    if slave.fault is DRIVE_SILENT and slave.sample.fault is AxisFault.DEVICE_LOST:
+        return of_axis(AxisFault.DEVICE_LOST)
+    return slave.fault
+
+
 def _cause(slave: Slave, fault: Fault) -> str:
     """Return the cause of a fault, with the bound that was in force."""
     if fault is not SAMPLES_LOST:
@@ -121,6 +135,7 @@ def slave_outcome(
     """
     fault, late = slave.fault, late_outcome(slave.safety)
     by_lateness = fault is LATE_TICKS and late["stop"] is not None
+    behind = _behind(slave)
     said = slave.stopped.said if fault in (DRIVER, SAMPLES_LOST) else slave.sample.complaint
     return {
         "link": link_outcome(endpoint),
@@ -131,8 +146,8 @@ def slave_outcome(
             "fault": {
                 "code": fault.code,
                 "name": fault.name,
-                "cause": cause(late) if by_lateness else _cause(slave, fault),
-                "next_step": _advice(fault, by_lateness, if_late, if_lost) or fault.next_step,
+                "cause": cause(late) if by_lateness else _cause(slave, behind),
+                "next_step": _advice(fault, by_lateness, if_late, if_lost) or behind.next_step,
                 "said": said or None,
             },
             "unsafe": slave.unsafe,

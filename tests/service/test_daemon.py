@@ -20,7 +20,7 @@ from teleop_rt.service.commands import lines
 from teleop_rt.service.connections import LONGEST_REQUEST
 from teleop_rt.service.mailbox import Command, CommandBox
 from teleop_rt.service.server import CommandServer
-from teleop_rt.slave.faults import SAMPLES_LOST, State
+from teleop_rt.slave.faults import DRIVE_SILENT, SAMPLES_LOST, State
 from teleop_rt.trial.alone import Alone
 from teleop_rt.trial.sides import slave_outcome
 
@@ -262,6 +262,17 @@ def test_a_device_that_was_lost_while_disarmed_is_the_fault_of_the_end(ready):
     ready.ask("reset")
     assert ready.ticks(200) is State.DISARMED
     assert ended()["fault"]["code"] == 0
+
+
+def test_a_device_that_was_lost_is_named_where_the_drive_was_missed_first(ready):
+    """Of a rig that is gone at once, the drive's silence is noted before a heartbeat is due."""
+    ready.rig.inject("mute", "force sensor")
+    ready.ticks(200)
+    ready.slave.safety.state, ready.slave.safety.fault = State.FAULT, DRIVE_SILENT
+    fault = slave_outcome(ready.slave, ready.trial.slave_endpoint)["safety"]["fault"]
+    assert fault["name"] == "drive_silent"
+    assert fault["said"] == "force sensor (0x20): its heartbeat ended"
+    assert "drive" not in fault["cause"] + fault["next_step"]
 
 
 def test_lost_samples_are_stated_with_the_bound_in_force(ready):
