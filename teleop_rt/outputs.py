@@ -5,8 +5,11 @@ Work that may be resumed (`batch.sweep.open_folder`) names its owner in a note i
 
 from __future__ import annotations
 
+import errno
+import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from teleop_rt.errors import ExpectedError
@@ -53,4 +56,23 @@ def unwritable(
     folder: Path, error: OSError, what_next: str = "name another folder with --out"
 ) -> OutputError:
     """Return the refusal of a folder that cannot be made, or into which nothing can be written."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        what_next = f"make room, or {what_next}"
     return OutputError(f"{folder}: cannot be made or written: {error.strerror}: {what_next}")
+
+
+@contextmanager
+def whole_or_nothing(folder: Path) -> Iterator[None]:
+    """Remove what was begun in a folder where an error ends its writing; what was there stays."""
+    missing = [one for one in (folder, *folder.absolute().parents) if not one.exists()]
+    before = set() if missing else set(folder.iterdir())
+    try:
+        yield
+    except BaseException:
+        begun = missing[-1:] or [one for one in folder.iterdir() if one not in before]
+        for path in begun:
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+        raise

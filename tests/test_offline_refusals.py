@@ -203,13 +203,25 @@ def test_a_folder_to_write_that_is_a_file_is_refused_before_any_work(call, tmp_p
 def test_what_the_system_refuses_to_write_is_named_with_its_reason(call, tmp_path, monkeypatch):
     recording, place = write_csv(tmp_path / "a.csv", *press()), tmp_path / "full"
 
-    def refused(*_given):
+    def refused(_found, _recording, _path, folder):
+        (folder / "below").mkdir(parents=True)
+        (folder / "model.yaml").write_text("base")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(work, "write_diagnosis", refused)
-    code, out, err = call("diagnose", recording, "--surface", "0.010", "--out", place)
-    assert (code, out) == (2, "")
-    assert f"{place}: cannot be made or written: No space left on device: name another" in err
+    for there in (False, True):  # a folder that was there before stays, empty
+        code, out, err = call("diagnose", recording, "--surface", "0.010", "--out", place / "x")
+        assert code == 1
+        assert "a.csv: no missing effect" in out
+        assert "files in" not in out
+        cause = "x: cannot be made or written: No space left on device"
+        assert f"{cause}: make room, or name another folder with --out" in err
+        assert [path.name for path in tmp_path.glob("full/**/*")] == (["x"] if there else [])
+        assert place.exists() == there
+        (place / "x").mkdir(parents=True, exist_ok=True)
+    code, out, _ = call("diagnose", recording, "--surface", "0.010", "--out", place / "x", "--json")
+    assert code == 1
+    assert {"verdict", "problem"} <= json.loads(out).keys()
 
 
 def test_a_held_out_record_in_other_units_is_refused_or_asked_about(call, tmp_path):

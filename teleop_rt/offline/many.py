@@ -22,6 +22,7 @@ from teleop_rt.diagnosis.phases import heard_by
 from teleop_rt.errors import BAD_INPUT, FAULT, ExpectedError
 from teleop_rt.interrupts import INTERRUPTED
 from teleop_rt.offline.find import digest_of, find, names_one, own_names
+from teleop_rt.offline.work import UnwrittenError
 from teleop_rt.outputs import refuse_filled, refuse_unwritable
 from teleop_rt.view.console import output
 
@@ -73,6 +74,8 @@ class _Each:
         try:
             with chdir(self.folder):  # a worker may have been started elsewhere
                 return {"code": 0, "answer": self.work.answer(Path(given), case["name"])}
+        except UnwrittenError as error:
+            return {"code": FAULT, "answer": {**error.answer, "problem": str(error)}}
         except (ExpectedError, ValueError) as error:
             problem, name = str(error), f"{Path(given).name}: "
             if problem.startswith(name):  # of many files one name may lie in several folders
@@ -128,7 +131,7 @@ def each(
     if out is not None and not as_json and len(bad) < len(results):
         print(f"files in {out}")
     if bad:
-        _report_bad(bad, len(cases))
+        _report_bad([one["recording"] for one in results if not _is_answered(one)], len(cases))
         raise typer.Exit(FAULT if FAULT in bad.values() else BAD_INPUT)
 
 
@@ -178,12 +181,17 @@ def _results(
 
 def _print(result: Result, show: Show, *, as_json: bool) -> None:
     answer = result["answer"]
-    if result["code"]:
-        print(answer["problem"], file=sys.stderr)
     if as_json:
         print(json.dumps(answer), flush=True)
-    elif not result["code"]:
+    elif _is_answered(answer):
         show(output(), answer)
+    if result["code"]:
+        print(answer["problem"], file=sys.stderr)
+
+
+def _is_answered(answer: Mapping[str, Any]) -> bool:
+    """Return whether there is an answer, even one whose files could not be written."""
+    return not answer.keys() <= {"recording", "problem"}
 
 
 def _write_answers(path: Path, answers: Sequence[Mapping[str, Any]]) -> None:
@@ -192,9 +200,9 @@ def _write_answers(path: Path, answers: Sequence[Mapping[str, Any]]) -> None:
     path.write_text("".join(lines), encoding="utf-8")
 
 
-def _report_bad(bad: Mapping[str, int], count: int) -> None:
-    if count == 1:
+def _report_bad(bad: Sequence[str], count: int) -> None:
+    if count == 1 or not bad:
         return
-    named = ", ".join(list(bad)[:_MOST_NAMED])
+    named = ", ".join(bad[:_MOST_NAMED])
     more = "" if len(bad) <= _MOST_NAMED else f" and {len(bad) - _MOST_NAMED} more"
     print(f"{len(bad)} of {count} recordings have no answer: {named}{more}", file=sys.stderr)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +13,10 @@ from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.effects.user import library
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.draft.declaration import drafted_from
+from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
-from teleop_rt.errors import ExpectedError
+from teleop_rt.errors import FAULT, ExpectedError
 from teleop_rt.offline.drafting import write_draft
 from teleop_rt.offline.exchanged import exchange_note
 from teleop_rt.offline.find import digest_of, refuse_itself
@@ -22,7 +25,7 @@ from teleop_rt.offline.replay import Choice, replay, write_trace
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.weak_force import weak_force
 from teleop_rt.offline.write import write_diagnosis
-from teleop_rt.outputs import unwritable
+from teleop_rt.outputs import unwritable, whole_or_nothing
 from teleop_rt.realtime.scheduling import give_back_compiler
 from teleop_rt.recordings.excerpt import most_active
 from teleop_rt.recordings.memory import return_large_arrays
@@ -33,6 +36,23 @@ from teleop_rt.trial.folder import recording_of
 def _digest(effects: Path | None) -> str | None:
     """Return the digest of a file with effects, None without one."""
     return None if effects is None else hashlib.blake2b(effects.read_bytes()).hexdigest()
+
+
+class UnwrittenError(ExpectedError):
+    """The files of an answer could not be written; the answer is in `answer`."""
+
+    code = FAULT
+
+    def __init__(self, message: str, answer: dict[str, Any]) -> None:
+        super().__init__(message)
+        self.answer = answer
+
+
+def _lasting(answer: Mapping[str, Any], recording: Path) -> dict[str, Any]:
+    """Return an answer without its duration, and with its recording."""
+    return {key: value for key, value in answer.items() if key != "seconds"} | {
+        "recording": str(recording)
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,15 +163,21 @@ class Diagnosing:
         found.answer["notes"] += [hint for hint in hints if hint is not None]
         found.answer["notes"] += self._of_own_draft(found.answer, loaded)
         if self.out is not None:
-            enter("writing page and model")
-            folder = self._folder(name)
-            try:
-                write_draft(found, loaded, folder, unseen, self.surface, self.effects)
-                write_diagnosis(found, loaded, path, folder)
-            except OSError as error:
-                raise unwritable(folder, error) from None
-        del found.answer["seconds"]
-        return {**found.answer, "recording": str(path)}
+            self._write(found, loaded, unseen, path, self._folder(name))
+        return _lasting(found.answer, path)
+
+    def _write(
+        self, found: Diagnosis, loaded: Recording, unseen: Recording | None, path: Path, out: Path
+    ) -> None:
+        """Write page, model and draft into a folder. Raises UnwrittenError with the answer."""
+        enter("writing page and model")
+        plain = deepcopy(found.answer)  # names no file that could not be written
+        try:
+            with whole_or_nothing(out):
+                write_draft(found, loaded, out, unseen, self.surface, self.effects)
+                write_diagnosis(found, loaded, path, out)
+        except OSError as error:
+            raise UnwrittenError(str(unwritable(out, error)), _lasting(plain, path)) from None
 
     def _of_own_draft(self, answer: dict[str, Any], recording: Recording) -> list[str]:
         """Return the note on an effect that was drafted from the recording that it explains."""
