@@ -84,6 +84,8 @@ def test_a_report_without_its_extra_is_refused_with_what_adds_it(call, tmp_path)
         ([sys.executable], ": is not text: give a YAML file in UTF-8"),
         ([SILICONE, "--set", "link.loss=2"], "--set link.loss=2: link.loss: must be less"),
         ([SILICONE, "--duration", "-1"], "duration_s: must be greater than or equal to 0.01"),
+        ([SILICONE, "--duration", "0"], "--duration 0: duration_s: must be greater"),
+        ([SILICONE, "--seed", "-1"], "--seed -1: seed: must be greater"),
         ([SILICONE, "--set", "rig=nowhere.yaml"], "no file"),
         ([SILICONE, "--set", "rig=5"], "--set rig=5: rig: must be"),
         ([SILICONE, "--set", "link.bind_host=1.2.3.4"], "give an address of this machine"),

@@ -28,10 +28,17 @@ def run(
     port: LivePort = 5006,
 ) -> None:
     """Run a whole trial: rig, slave, master and recorder, then the summary."""
-    from teleop_rt.cli.whole_run import run_and_print  # noqa: PLC0415 - loads compilers and drivers
+    from teleop_rt.cli.whole_run import (  # noqa: PLC0415 - loads compilers and drivers
+        names_as_typed,
+        run_and_print,
+    )
 
-    changes = list(overrides or [])
-    changes += [f"duration_s={float(duration)!r}"] if duration is not None else []
-    changes += [f"seed={seed}"] if seed is not None else []
+    typed = {}
+    if duration is not None:
+        typed[f"duration_s={float(duration)!r}"] = f"--duration {duration:g}"
+    if seed is not None:
+        typed[f"seed={seed}"] = f"--seed {seed}"
+    changes = [*(overrides or []), *typed]
     live_port = port if live_page else None
-    run_and_print(trial_file, changes, clock, out, live_port, as_json=as_json)
+    with names_as_typed(typed):
+        run_and_print(trial_file, changes, clock, out, live_port, as_json=as_json)

@@ -6,8 +6,8 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Mapping
-from contextlib import nullcontext, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from teleop_rt.cli.showing import live_page_beside
 from teleop_rt.cli.side_mains import run_side
 from teleop_rt.cli.wiring import load_trial_file, load_trial_for_run, open_bench, require_files
 from teleop_rt.config.trial import TrialConfig
+from teleop_rt.config.yaml_file import OVERRIDE, ConfigError, ConfigProblem
 from teleop_rt.contact.effects.user import library
 from teleop_rt.errors import FAULT
 from teleop_rt.estimation.pipeline import Pipeline
@@ -60,6 +61,19 @@ _NO_CACHE = (
     "no folder can be written for compiled kernels: each run compiles them again, which takes"
     " about a minute; name one with NUMBA_CACHE_DIR or XDG_CACHE_HOME"
 )
+
+
+@contextmanager
+def names_as_typed(typed: Mapping[str, str]) -> Iterator[None]:
+    """Name the options that stand for changes of a config in problems with these changes."""
+    try:
+        yield
+    except ConfigError as error:
+        places = {OVERRIDE + change: option for change, option in typed.items()}
+        problems = [
+            ConfigProblem(places.get(one.where, one.where), one.message) for one in error.problems
+        ]
+        raise ConfigError(problems) from None
 
 
 def run_and_print(
