@@ -177,6 +177,29 @@ def test_every_name_in_code_that_a_page_uses_exists(page, words):
     assert used - words - OF_OTHERS.keys() == set()
 
 
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_a_command_with_its_arguments_has_the_options_that_it_requires(page):
+    """So that it can be run as it stands; a name alone is no call."""
+    for words in calls_of(page):
+        name = words[0]
+        if name not in app.commands:
+            continue
+        command, rest = commands_of(words)
+        required = [one for one in command.params if one.required and one.opts[0].startswith("--")]
+        if rest and "..." not in rest and not hasattr(command, "commands"):
+            given = {word.partition("=")[0] for word in rest}
+            lacking = [one.opts[0] for one in required if not given & set(one.opts)]
+            assert lacking == [], f"teleop-rt {' '.join(words)}"
+
+
+def test_the_readme_names_the_data_that_a_command_needs_before_it():
+    page = (ROOT / "README.md").read_text()
+    for command in ("scripts/run measured_spring", "scripts/campaign measured "):
+        assert page.index("need recordings that are not included") < page.index(command)
+    hardware = page.partition("## Moving the trial to hardware")[2]
+    assert "(docs/howto/rehearsal.md)" in hardware.partition("\n1. ")[0]
+
+
 def test_each_figure_of_the_readme_is_one_of_the_measurements():
     """All numbers of a figure stand on one line of the page with all measurements."""
     table = (ROOT / "README.md").read_text().partition("| quantity | figure | command |")[2]

@@ -34,7 +34,7 @@ from teleop_rt_drivers.findings import Finding
 from teleop_rt_drivers.framed.config import RawCanPart, SerialPart
 from teleop_rt_drivers.opening import open_axis_on
 from teleop_rt_drivers.quantity import Scale
-from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
+from teleop_rt_drivers.recording import RecordingAxisConfig, columns_of, recording_path
 from teleop_rt_drivers.registry import parts_of
 from teleop_rt_drivers.replayed_bus import REPLAY
 from teleop_rt_drivers.simulated.config import SimulatedPlantConfig
@@ -152,7 +152,7 @@ def _check_descriptions(rig: RigConfig) -> list[Finding]:
     """Build the axis without opening anything: EDS, DBC and formats must fit the config."""
     if isinstance(rig.axis, RecordingAxisConfig):
         try:
-            recording_path(rig.axis.file)
+            recording_path(rig.axis.file, columns_of(rig.axis))
         except AxisError as error:
             return [Finding("error", str(error), "axis.file", "set it to an existing file")]
         return [Finding("ok", "the recording is there", "axis.file")]

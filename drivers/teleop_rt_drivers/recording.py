@@ -104,8 +104,8 @@ class RecordingAxis:
     def configure(self) -> None:
         """Read and check the file. Raises AxisError that names its problem."""
         config = self._config
-        path = recording_path(config.file)
-        columns = (config.time_column, config.position_column, config.force_column)
+        columns = columns_of(config)
+        path = recording_path(config.file, columns)
         time, position, force = read_columns(path, columns)
         time_s = config.time_scale_s * time
         check_time(path, time_s, self._period_s)
@@ -146,18 +146,29 @@ class RecordingAxis:
         """Do nothing: the file was read by `configure`."""
 
 
-def recording_path(file: str) -> Path:
-    """Return the path with ${VARIABLES} filled in; raises AxisError naming one that is unset."""
+def columns_of(config: RecordingAxisConfig) -> tuple[str, str, str]:
+    """Return the columns of time, position and force."""
+    return config.time_column, config.position_column, config.force_column
+
+
+def recording_path(file: str, columns: tuple[str, ...]) -> Path:
+    """Return the path with ${VARIABLES} filled in; raises AxisError naming one that is unset.
+
+    It states which file with which columns is expected, and where its source is named.
+    """
+    wanted = f"a table with the columns {', '.join(columns)} in its first line"
+    if "${TELEOP_RT_DATA}" in file:
+        wanted += "; docs/measured.md names its source"
     for name in re.findall(r"\$\{(\w+)\}", file):
         if name not in os.environ:
             raise AxisError(
-                f"recording {file}: the environment variable {name} is not set; "
-                f"set it to the folder that holds the measured data"
+                f"recording {file}: the environment variable {name} is not set; set it to the"
+                f" folder that holds {file.rpartition('}')[2].lstrip('/')}, {wanted}"
             )
         file = file.replace(f"${{{name}}}", os.environ[name])
     path = Path(file)
     if not path.is_file():
-        raise AxisError(f"recording {path}: no such file; check `file` and the folder it names")
+        raise AxisError(f"recording {path}: no such file; check `file`: it names {wanted}")
     refuse_huge(path, f"recording {path}")
     return path
 

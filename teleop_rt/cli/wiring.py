@@ -21,7 +21,7 @@ from teleop_rt.signals import HANDLE_TRUTH, HANDLE_TRUTH_TOPIC, TRUTH, TRUTH_TOP
 from teleop_rt.trial.bench import Bench
 from teleop_rt.trial.estimators import trial_extension
 from teleop_rt_drivers import opening, operator_device, registry
-from teleop_rt_drivers.recording import RecordingAxisConfig, recording_path
+from teleop_rt_drivers.recording import RecordingAxisConfig, columns_of, recording_path
 
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.hand_plant import HandPlant
@@ -49,7 +49,7 @@ def load_trial_for_run(trial_file: Path, changes: list[str]) -> TrialConfig:
 def require_files(trial: TrialConfig, trial_file: Path) -> None:
     """Raise AxisError or OperatorError where a recording that the trial plays is not there."""
     if isinstance(trial.rig.axis, RecordingAxisConfig):
-        recording_path(trial.rig.axis.file)
+        recording_path(trial.rig.axis.file, columns_of(trial.rig.axis))
     if isinstance(trial.operator, RecordedOperator):
         locate(trial.operator.file, trial_file.parent)
 

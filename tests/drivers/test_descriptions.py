@@ -121,7 +121,7 @@ def test_what_would_fill_the_memory_is_refused_unread(tmp_path):
     with pytest.raises(AxisError, match="more than 256 MB"):
         ReplayBus(huge(tmp_path, "huge.asc"), bool, bool)
     with pytest.raises(AxisError, match="more than 256 MB"):
-        recording_path(huge(tmp_path, "huge.csv"))
+        recording_path(huge(tmp_path, "huge.csv"), ())
 
 
 def test_a_description_that_cannot_be_read_says_which_and_why():

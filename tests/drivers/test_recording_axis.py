@@ -91,8 +91,10 @@ def test_a_rate_within_a_thousandth_is_played(tmp_path):
 
 def test_an_unset_variable_is_named(monkeypatch):
     monkeypatch.delenv("TELEOP_RT_DATA", raising=False)
-    with pytest.raises(AxisError, match="environment variable TELEOP_RT_DATA is not set"):
-        axis_of("${TELEOP_RT_DATA}/x.csv").configure()
+    with pytest.raises(AxisError, match="environment variable TELEOP_RT_DATA is not set") as said:
+        axis_of("${TELEOP_RT_DATA}/a/x.csv").configure()
+    assert "the folder that holds a/x.csv, a table with the columns t_s, x_mm, F" in str(said.value)
+    assert "docs/measured.md names its source" in str(said.value)
 
 
 def test_a_missing_file_is_named(monkeypatch, tmp_path):
