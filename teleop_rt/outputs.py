@@ -63,7 +63,7 @@ def unwritable(
 
 @contextmanager
 def whole_or_nothing(folder: Path) -> Iterator[None]:
-    """Remove what was begun in a folder where an error ends its writing; what was there stays."""
+    """Remove a folder, or new files in it, where an error ends its writing; old files stay."""
     missing = [one for one in (folder, *folder.absolute().parents) if not one.exists()]
     before = set() if missing else set(folder.iterdir())
     try:

@@ -65,7 +65,7 @@ _NO_CACHE = (
 
 @contextmanager
 def names_as_typed(typed: Mapping[str, str]) -> Iterator[None]:
-    """Name the options that stand for changes of a config in problems with these changes."""
+    """Name the options that gave changes of a config in problems with these changes."""
     try:
         yield
     except ConfigError as error:
