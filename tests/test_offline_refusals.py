@@ -113,8 +113,8 @@ def unusable(tmp_path):
         "folder.mcap": "folder.mcap: a folder without recording.mcap",
         "none.mcap": "none.mcap: no such file: give a recording",
         "none.csv": "none.csv: no such file",
-        "empty.mcap": "empty.mcap: is empty",
-        "empty.csv": "empty.csv: is empty",
+        "empty.mcap": "empty.mcap: is empty, as after a run that ended at once",
+        "empty.csv": "empty.csv: is empty, it has no rows: give another one",
         "binary.mcap": "binary.mcap: not an MCAP recording",
     }
 

@@ -139,6 +139,10 @@ def _located(path: Path, encoding: str) -> _Text:
                         file=sys.stderr,
                     )
                 return _Text(path, encoding, delimiter, names, first)
+    if rows and [i for i in rows if _is_row(lines[i])] == rows[-1:]:
+        raise TableError(
+            f"line {rows[-1] + 1} is the only row of numbers: was the recording cut off?"
+        )
     if len(rows) == 1:
         raise TableError(f"no lines of numbers below line {rows[0] + 1}: was anything recorded?")
     if not rows:
@@ -172,6 +176,12 @@ def _are_numbers(table: Sequence[Sequence[str]]) -> bool:
         return False
     full = sum(all(map(is_number, column)) for column in zip(*table, strict=True))
     return full >= 2
+
+
+def _is_row(line: str) -> bool:
+    """Return whether a line has two numbers or more, and nothing else."""
+    parted = (_cells(line, delimiter) for delimiter in _DELIMITERS)
+    return any(len(cells) > 1 and all(map(is_number, cells)) for cells in parted)
 
 
 def _refuse_grouped(table: Sequence[Sequence[str]], first: int) -> None:

@@ -65,9 +65,10 @@ def _refuse_unreadable(recording: Path) -> None:
             " or copy it"
         ) from None
     if empty:
-        raise RecordingError(
-            f"{recording}: is empty, as after a run that ended at once: give another one"
+        why = (
+            "as after a run that ended at once" if recording.suffix == ".mcap" else "it has no rows"
         )
+        raise RecordingError(f"{recording}: is empty, {why}: give another one")
 
 
 def began_at(folder: Path) -> str | None:

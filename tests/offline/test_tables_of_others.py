@@ -178,6 +178,15 @@ def test_a_file_of_names_alone_is_said_to_have_no_numbers(tmp_path: Path) -> Non
         load(path)
 
 
+@pytest.mark.parametrize("names", ["t_s,x_mm,F_N\n", "bench 3\nt_s,x_mm,F_N\n", ""])
+def test_a_file_with_one_row_of_numbers_is_said_to_have_one(tmp_path: Path, names: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{names}0,1,2\n")
+    row = names.count("\n") + 1
+    with pytest.raises(RecordingError, match=f"line {row} is the only row of numbers: was the rec"):
+        load(path)
+
+
 def test_labels_before_names_and_units_are_no_names_and_volts_are_no_length(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
