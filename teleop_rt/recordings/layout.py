@@ -108,10 +108,7 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
     Raises RecordingError if a given column or unit is unknown, if two names fit one role, if the
     name of a column states two units, and if there is no time (nor a rate), position or force.
     """
-    named = {
-        role: [layout.columns[role]] if role in layout.columns else columns_named(table, role)
-        for role in UNITS
-    }
+    named = {role: _named(table, layout, role) for role in UNITS}
     if layout.rate_hz is not None and {"position", "force"} <= layout.columns.keys():
         named["time"] = [layout.columns["time"]] if "time" in layout.columns else []
     _refuse_unclear(path, table, layout, named)
@@ -129,6 +126,16 @@ def columns_of(path: Path, table: Mapping[str, Vector], layout: Layout) -> dict[
     )
     if by_sensor or not all(column.stated for column in found.values()):
         _print_read(path, columns, layout.units)
+    return found
+
+
+def _named(table: Mapping[str, Vector], layout: Layout, role: str) -> list[str]:
+    """Return the given column, or those whose names fit: in any unit, where theirs is stated."""
+    if role in layout.columns:
+        return [layout.columns[role]]
+    found = columns_named(table, role)
+    if not found and role in NEEDED and role in layout.units:
+        found = [name for name in table if foreign_unit(name, role) is not None]
     return found
 
 

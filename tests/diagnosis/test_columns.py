@@ -112,6 +112,18 @@ def test_a_unit_that_is_stated_counts_before_the_names_and_both_are_printed(
     assert said == f"{path}: F_kN is read with the unit N, as stated, in place of kN, as named\n"
 
 
+def test_a_unit_that_is_stated_counts_before_an_unknown_one_in_the_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path / "a.csv", "t_s", "Weg [Zoll]", "F_N")
+    assert load(path, layout_of(path, units={"position": "in"})).position == pytest.approx(
+        0.0254 * X
+    )
+    assert "position = Weg [Zoll] [in]" in capsys.readouterr().err
+    with pytest.raises(RecordingError, match=r"unknown unit of Weg \[Zoll\] \(unit 'Zoll'\)"):
+        load(path, layout_of(path, units={"force": "N"}))
+
+
 @pytest.mark.parametrize(
     ("names", "cause", "options"),
     [
