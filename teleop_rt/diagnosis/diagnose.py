@@ -123,7 +123,7 @@ def _add_notes(
         answer["notes"] += of_time(answer["dependence"])
     model = found.base.model.base
     hints = (
-        turned_sign(found.problem, found.base.model),
+        turned_sign(found.problem, found.base.model, recording.columns),
         other_base(found),
         of_resonance(made.weighed.problem),
     )

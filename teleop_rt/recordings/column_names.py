@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping
 
 from teleop_rt.contact.effect import Vector
@@ -106,3 +107,13 @@ def may_be(name: str, role: str) -> bool:
     words = {word for word in re.split(r"[^a-z]+", plain.lower()) if len(word) > 1}
     known = _NAMES[role] | _SENSORS[role]
     return bool(units) or bool(words & known)
+
+
+def turned(columns: tuple[str, str], *roles: str) -> str:
+    """Return the option to paste that turns the sign of `roles`, of the columns of both."""
+    names = dict(zip(("position", "force"), columns, strict=True))
+    words = []
+    for role in roles:
+        sign, name = ("", names[role][1:]) if names[role].startswith("-") else ("-", names[role])
+        words.append(shlex.quote(f"{role}={sign}{name}"))
+    return f"--columns {' '.join(words)}"

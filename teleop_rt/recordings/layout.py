@@ -54,13 +54,14 @@ class Column:
     """Values in s, m, rad, N, Nm or their rates, `factor` times those of the file.
 
     `rotary` where they are angles; a negative factor where the sign was turned; `stated` where the
-    file or the user says the unit.
+    file or the user says the unit; `name` has a minus where the sign was turned.
     """
 
     values: Vector
     rotary: bool = False
     factor: float = 1.0
     stated: bool = False
+    name: str = "NAME"
 
 
 def layout_of(
@@ -268,4 +269,4 @@ def _column(
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
     values = np.asarray(sign * factor * table[plain], dtype=np.float64)
-    return Column(values, unit in ANGLES, sign * factor, unit is not None)
+    return Column(values, unit in ANGLES, sign * factor, unit is not None, name)

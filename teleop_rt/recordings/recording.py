@@ -43,7 +43,8 @@ class Recording:
     the step in which the force was read before it was resampled, 0 where none is seen; `start_s` is
     when a part of a longer recording begins in it; the force's lag was taken out up to an error of
     `force_lag_deviation_s`, and the surface is known up to one of `surface_deviation`; `run` is the
-    file of a run, whose rig knows the signs, else empty.
+    file of a run, whose rig knows the signs, else empty; `columns` are the names of position and
+    force in their table, with a minus where the sign was turned.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Recording:
     force_lag_deviation_s: float = 0.0
     surface_deviation: float = 0.0
     run: str = ""
+    columns: tuple[str, str] = ("NAME", "NAME")
 
     @property
     def seconds(self) -> float:
@@ -123,6 +125,7 @@ def load(path: Path, layout: Layout | None = None) -> Recording:
     return replace(
         made,
         units_stated=position.stated and force.stated,
+        columns=(position.name, force.name),
         force_lag_deviation_s=layout.force_lag_deviation_s,
         surface_deviation=layout.surface_deviation * abs(found["position"].factor),
     )

@@ -84,6 +84,9 @@ def test_a_turned_sign_is_in_the_notes_of_the_answer() -> None:
     recording = swung(0.0, 0.5, 20.0)
     turned = diagnose(replace(recording, force=-recording.force), "spring,viscous,bias").answer
     assert any("--columns force=-NAME" in note for note in turned["notes"])
+    named = replace(recording, force=-recording.force, columns=("x_m", "-F [N]"))
+    notes = diagnose(named, "spring,viscous,bias").answer["notes"]
+    assert any("turn it with --columns 'force=F [N]'" in note for note in notes)
 
 
 def test_a_force_that_cannot_be_predicted_has_no_figure() -> None:

@@ -14,6 +14,7 @@ from teleop_rt.diagnosis.samples.onset import (
     onset_behind_weight,
 )
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.column_names import turned
 from teleop_rt.recordings.recording import Recording
 from teleop_rt.recordings.rows import bulk, force_noise, without_lone
 
@@ -53,12 +54,12 @@ def surface_of(recording: Recording) -> Surface:
             f"{recording.name}: no contact: the force varies by {level:.3g} only, within its noise;"
             " press harder, or name another column with --columns force=NAME"
         )
-    _refuse_turned_force(recording.name, position, force, noise)
+    _refuse_turned_force(recording, force, noise)
     if not moves_freely(recording):
-        _refuse_turned_position(recording.name, position, force, noise)
+        _refuse_turned_position(recording, force, noise)
     found = onset(position, force, recording.dt)
     if found is None or not found.clear:
-        _refuse_both_turned(recording.name, position, force, noise)
+        _refuse_both_turned(recording, force, noise)
     if found is None:
         return _pressed_throughout(position, force, dt=recording.dt)
     deepest = float(np.max(position))
@@ -108,27 +109,27 @@ def _falls(position: Vector, force: Vector) -> bool:
     return float(np.corrcoef(position, force)[0, 1]) < -_FALLING_CORRELATION
 
 
-def _refuse_turned_force(name: str, position: Vector, force: Vector, noise: float) -> None:
+def _refuse_turned_force(recording: Recording, force: Vector, noise: float) -> None:
     """Raise RecordingError if the force is negative and falls with the depth."""
-    if _falls(position, force) and _side(force, noise) < 0:
+    if _falls(recording.position, force) and _side(force, noise) < 0:
         raise RecordingError(
-            f"{name}: wrong sign? the force falls to {bulk(force)[0]:.3g} the larger the position"
-            " is, but it counts positive when the tool presses; turn it with a minus before the"
-            f" column's name, --columns force=-NAME; {NO_CONTACT_HERE}"
+            f"{recording.name}: wrong sign? the force falls to {bulk(force)[0]:.3g} the larger"
+            " the position is, but it counts positive when the tool presses; turn it with a minus"
+            f" before the column's name, {turned(recording.columns, 'force')}; {NO_CONTACT_HERE}"
         )
 
 
-def _refuse_turned_position(name: str, position: Vector, force: Vector, noise: float) -> None:
+def _refuse_turned_position(recording: Recording, force: Vector, noise: float) -> None:
     """Raise RecordingError if the force is positive and falls with the depth."""
-    if _falls(position, force) and _side(force, noise) > 0:
+    if _falls(recording.position, force) and _side(force, noise) > 0:
         raise RecordingError(
-            f"{name}: wrong sign? the force rises to {bulk(force)[1]:.3g} the smaller the position"
-            " is, but it counts positive into the environment; turn the position with a minus"
-            " before the column's name, --columns position=-NAME"
+            f"{recording.name}: wrong sign? the force rises to {bulk(force)[1]:.3g} the smaller"
+            " the position is, but it counts positive into the environment; turn the position with"
+            f" a minus before the column's name, {turned(recording.columns, 'position')}"
         )
 
 
-def _refuse_both_turned(name: str, position: Vector, force: Vector, noise: float) -> None:
+def _refuse_both_turned(recording: Recording, force: Vector, noise: float) -> None:
     """Raise RecordingError where the tool only pulls, and its force is even at large positions.
 
     So a contact looks where position and force both count the other way, as in a testing machine
@@ -136,15 +137,16 @@ def _refuse_both_turned(name: str, position: Vector, force: Vector, noise: float
     """
     if _side(force, noise) >= 0:
         return
+    position = recording.position
     first, last = np.quantile(position, (_END_SHARE, 1.0 - _END_SHARE))
     ends = force[position <= first], force[position >= last]
     near, far = (float(np.ptp(bulk(end))) for end in ends)
     if near > _AIR_FORCE_RATIO * far:
         raise RecordingError(
-            f"{name}: wrong sign? the force is {bulk(force)[0]:.3g} where the position is small and"
-            " nearly nothing where it is large; positions count positive into the environment,"
-            " forces positive when the tool presses: where compression counts negative, turn both,"
-            " --columns position=-NAME force=-NAME"
+            f"{recording.name}: wrong sign? the force is {bulk(force)[0]:.3g} where the position"
+            " is small and nearly nothing where it is large; positions count positive into the"
+            " environment, forces positive when the tool presses: where compression counts"
+            f" negative, turn both, {turned(recording.columns, 'position', 'force')}"
         )
 
 
@@ -153,12 +155,12 @@ def refuse_turned(recording: Recording) -> None:
 
     A force of both signs, such as that of a mass moved in free air, is accepted.
     """
-    name, position, force = recording.name, recording.position, recording.force
+    position, force = recording.position, recording.force
     noise = force_noise(force)
     if float(np.ptp(position)) == 0.0 or float(np.ptp(force)) <= _SIGMAS * noise:
         return
-    _refuse_turned_force(name, position, force, noise)
-    _refuse_turned_position(name, position, force, noise)
+    _refuse_turned_force(recording, force, noise)
+    _refuse_turned_position(recording, force, noise)
 
 
 def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
@@ -219,12 +221,13 @@ def _refuse_force_in_air(recording: Recording, free: Vector, contact: Vector) ->
         low, high = bulk(free)
         untouched = float(np.median(contact))
         presses = high - untouched > untouched - low
+        roles = ("position",) if presses else ("position", "force")
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force varies by {in_contact:.3g}, in"
             f" free air by {in_air:.3g}; positions count positive into the environment, forces"
             " positive when the tool presses: turn"
             f" {'the position' if presses else 'both'} with a minus before the column's name,"
-            f" --columns position=-NAME{'' if presses else ' force=-NAME'}, or check --surface;"
+            f" {turned(recording.columns, *roles)}, or check --surface;"
             f" {NO_CONTACT_HERE}"
         )
     pressed = float(np.median(contact) - np.median(free))
@@ -234,7 +237,8 @@ def _refuse_force_in_air(recording: Recording, free: Vector, contact: Vector) ->
         raise RecordingError(
             f"{recording.name}: wrong sign? in contact the force is {pressed:.3g}"
             f" {recording.units[1]} against free air, but it counts positive when the tool presses;"
-            " turn it with a minus before the column's name, --columns force=-NAME;"
+            " turn it with a minus before the column's name,"
+            f" {turned(recording.columns, 'force')};"
             f" {NO_CONTACT_HERE}"
         )
 

@@ -6,12 +6,15 @@ import numpy as np
 
 from teleop_rt.diagnosis.models.fit import Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
+from teleop_rt.recordings.column_names import turned
 
 EXPLAINED = 0.5  # share of the force's variance; below it a sign is not significant
 PASSIVE = {"k": "spring", "b": "damper", "c": "damper", "m": "mass"}
 
 
-def turned_sign(problem: Problem, model: CandidateModel) -> str | None:
+def turned_sign(
+    problem: Problem, model: CandidateModel, columns: tuple[str, str] = ("NAME", "NAME")
+) -> str | None:
     """Return a note if the passive term with the largest force has a negative parameter.
 
     The base is fitted with free signs. None where it touches (the surface shows the sign there),
@@ -36,5 +39,5 @@ def turned_sign(problem: Problem, model: CandidateModel) -> str | None:
     return (
         f"wrong sign? most of the force is that of a {PASSIVE[name]} of {name} ="
         f" {theta[largest]:.3g}, which no passive body has: if the force counts positive when the"
-        " tool is pulled, turn it with --columns force=-NAME"
+        f" tool is pulled, turn it with {turned(columns, 'force')}"
     )
