@@ -106,8 +106,11 @@ def newest(link: Whole, kind: int) -> tuple[int, int]:
 
 @shared
 def silence_of(link: Whole | memoryview, now_ns: int) -> int:
-    """Return the age of the newest message taken in, or the time since start before one."""
-    return int(now_ns - min(link[ARRIVED], link[NEWS]))
+    """Return the age of the newest message taken in, or the time since start before one.
+
+    A message that arrives after the tick has read its clock is as old as the tick: 0.
+    """
+    return max(0, int(now_ns - min(link[ARRIVED], link[NEWS])))
 
 
 @kernel

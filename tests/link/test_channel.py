@@ -156,6 +156,7 @@ def test_silence_is_the_time_since_the_last_accepted_packet_whatever_its_age() -
     pair = Pair(there=delayed(500), back=dark)
     pair.run(2400)
     assert pair.master.silence_ns(pair.now) == 0
+    assert pair.master.silence_ns(pair.now - MS) == 0, "it came after the tick had read its clock"
     pair.run(300)
     assert pair.master.silence_ns(pair.now) == 201 * MS
 
