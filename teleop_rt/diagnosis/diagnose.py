@@ -73,7 +73,7 @@ def diagnose(
     if not moves_in_steps(recording.position, recording.force, recording.dt):
         # Each step may leave a lone sample.
         lone = lone_samples(recording, problem, found.base)
-        outliers.add_to(answer, lone, problem.motion)
+        outliers.add_to(answer, lone, recording.force, problem.motion)
     if judgement.verdict == "class":
         enter("choosing the motion that decides")
         proposed = design(weighed.problem, [r.fit for r in judgement.sets], reach)

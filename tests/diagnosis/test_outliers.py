@@ -164,6 +164,31 @@ def test_wrong_samples_one_good_one_apart_are_found_though_either_hides_the_othe
     assert np.array_equal(outliers(force + wrong, depth, 0.05, 2e-3) > 0.0, wrong != 0.0)
 
 
+def test_runs_of_the_reading_of_a_dead_channel_are_left_out_and_named() -> None:
+    """Such runs, of 2 to 24 ms and side by side, left 19 times the noise: "unexplained"."""
+    depth, force = pressed(2e-3)
+    dead = np.zeros(force.size)
+    for number, first in enumerate(range(200, 3800, 120)):
+        dead[first : first + 1 + number % 12] = 1.0
+        dead[first + 14 : first + 14 + number % 3] = 1.0
+    recording = from_arrays("dead", 2e-3 * np.arange(force.size), depth, force * (1.0 - dead))
+    assert np.array_equal(outliers(recording.force, depth, 0.05, 2e-3), dead)
+    answer = diagnose(recording, "spring,viscous,bias").answer
+    assert answer["class"] == [["outliers"]]
+    assert answer["error"]["after_over_floor"] < 1.05
+
+
+def test_neither_a_limit_nor_a_bouncing_tool_gives_the_reading_of_a_dead_channel() -> None:
+    """Both hold one reading many times: the force reaches it in steps, or at a touch."""
+    depth, force = pressed(2e-3)
+    assert not outliers(np.clip(force, 6.0, 20.0), depth, 0.05, 2e-3).any()
+    bounces = np.zeros(force.size, dtype=bool)
+    for first in range(200, 3800, 120):
+        bounces[first : first + 9] = True
+    left = np.where(bounces, -1e-5, depth)
+    assert not outliers(np.where(bounces, 0.0, force), left, 0.05, 2e-3).any()
+
+
 def test_what_a_struck_mass_leaves_in_a_residual_is_no_outlier() -> None:
     """Its force swings for some samples, with a pair of them far from the next ones."""
     depth, force = pressed(2e-3)

@@ -67,10 +67,19 @@ def effect_of(found: Vector) -> dict[str, Any] | None:
     return effect_entry(find(OUTLIERS), {"share": entry(share, deviation**2, "1")})
 
 
-def add_to(answer: dict[str, Any], found: Vector, motion: RecordedMotion) -> None:
-    """Add outliers to an answer: to its effects, and to every set of its class."""
+def _of_one_reading(found: Vector, force: Vector) -> bool:
+    """Return whether most of the samples found have one reading, which no motion gives.
+
+    A dead channel's reading shows only where the force is far from it, and so with the motion.
+    """
+    counts = np.unique(force[found > 0.0], return_counts=True)[1]
+    return bool(2 * np.max(counts, initial=0) > np.sum(counts))
+
+
+def add_to(answer: dict[str, Any], found: Vector, force: Vector, motion: RecordedMotion) -> None:
+    """Add outliers of the `force` to an answer: to its effects, and to every set of its class."""
     effect = effect_of(found)
-    if effect is not None and not of_motion(found, motion):
+    if effect is not None and (_of_one_reading(found, force) or not of_motion(found, motion)):
         join(answer, effect)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Vector
 from teleop_rt.contact.law import touches
@@ -18,6 +19,8 @@ _LONGEST_BURST, _LONGEST_BURST_S = 4, 0.01
 _APART_SAMPLES = (5, 7)  # more than a burst
 _NOISE_SAMPLES = 101  # around a sample, of which the deviation is taken: many more than a burst
 _OUTLIER_RATIO = 5.0  # times that deviation; noise reaches 4.5 once in 100 000 samples
+_LONGEST_DEAD_S = 0.1  # s; a longer stretch is a dropout (`dropouts.py`)
+_FEWEST_DEAD = 3  # stretches of one reading: a plateau of the force is held once
 _SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
 _TOUCH_SPREAD = 0.1  # of the distance; beside one crossing, neighbours that agree show no contact
 
@@ -66,19 +69,48 @@ def _usual_step(row: Vector) -> Vector:
     return running_rank(steps, _STEP_SAMPLES, 0.8)
 
 
+def _dead_readings(
+    force: Vector, least: Vector, apart: NDArray[np.bool_], dt: float
+) -> NDArray[np.bool_]:
+    """Return whether each sample has a reading that the channel gives while it drops out.
+
+    The force jumps to one and the same reading, holds it, and jumps back to where it was, at three
+    places or more that are `apart` from a touch. Each jump is larger than `least`. A plateau that
+    the force reaches otherwise is none.
+    """
+    firsts = np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0)[1:]
+    pasts = np.append(firsts[1:], force.size)
+    firsts, pasts = firsts[:-1], pasts[:-1]  # the row begins and ends in a stretch of its own
+    before, reading, after = force[firsts - 1], force[firsts], force[pasts]
+    into, out = before - reading, after - reading
+    jumps = np.sign(into) * np.sign(out) * np.minimum(np.abs(into), np.abs(out))
+    back = np.abs(after - before) < np.maximum(0.5 * jumps, 0.0)
+    dead = (jumps > least[firsts]) & back & ((pasts - firsts) * dt <= _LONGEST_DEAD_S)
+    dead &= apart[firsts] & apart[pasts]
+    values, times = np.unique(reading[dead], return_counts=True)
+    dead &= np.isin(reading, values[times >= _FEWEST_DEAD])
+    found = np.zeros(force.size, dtype=np.bool_)
+    for first, past in zip(firsts[dead].tolist(), pasts[dead].tolist(), strict=True):
+        found[first:past] = True
+    return found
+
+
 def outliers(force: Vector, x: Vector, noise: float, dt: float) -> Vector:
     """Return 1 for samples that stand alone, far from two neighbours on either side, else 0.
 
-    Up to `_LONGEST_BURST_S` of them in a row. The neighbours must agree among themselves, and
-    almost exactly where the tool crosses the surface beside them, so neither an impact nor a step
-    is an outlier. Around them the row must be steadier, so neither a period of a tone nor the force
-    of a fast reversal is one.
+    Up to `_LONGEST_BURST_S` of them in a row, or all that give the reading of a dead channel. The
+    neighbours must agree among themselves, and almost exactly where the tool crosses the surface
+    beside them, so neither an impact nor a step is an outlier. Around them the row must be
+    steadier, so neither a period of a tone nor the force of a fast reversal is one.
     """
-    found = np.zeros(force.size, dtype=np.bool_)
     least = np.maximum(_OUTLIER_SIGMAS * noise, _OUTLIER_RATIO * _local_deviation(force))
     least = np.maximum(least, _STEP_RATIO * _usual_step(force))
     crossings = np.abs(np.diff(touches(x).astype(np.float64), prepend=float(touches(x[:1])[0])))
     beside = np.convolve(crossings, np.ones(2 * _SURFACE_SAMPLES + 1), mode="same")
+    found = _dead_readings(force, least, beside == 0.0, dt)
+    if np.any(found):  # good samples between two dead stretches are no burst
+        places = np.arange(force.size)
+        force = np.interp(places, places[~found], force[~found])
     allowed = np.select([beside == 0.0, beside == 1.0], [0.5, _TOUCH_SPREAD], 0.0)
     for length in range(1, max(1, min(_LONGEST_BURST, int(_LONGEST_BURST_S / dt))) + 1):
         away, spread, beyond = _off_neighbours(force, length)
