@@ -63,6 +63,16 @@ def presliding(
 
 
 @kernel
+def _damped_presliding(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance Dahl's z and return z + tau z': bristles that are damped (LuGre's sigma 1)."""
+    before = state[0]
+    bent = presliding(state, x, v, a, t, dt, eta)
+    return bent + eta[1] * (bent - before) / dt
+
+
+@kernel
 def _sliding_behind_spring(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -131,6 +141,16 @@ def _stribeck_presliding(
     return float(state[0])
 
 
+@kernel
+def _stribeck_damped_presliding(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return z + tau z' of LuGre's model (Canudas de Wit et al., IEEE TAC 40, 1995)."""
+    before = state[0]
+    bent = _stribeck_presliding(state, x, v, a, t, dt, eta)
+    return bent + eta[3] * (bent - before) / dt
+
+
 SMOOTHING = Shape(
     "smoothing_velocity",
     "{x}/s",
@@ -154,6 +174,9 @@ _PRESLIDING = Shape(
     points=7,
     ideal="lower",
 )
+# Damping of bristles over their stiffness: LuGre's own example has 3 ms.
+_BRISTLE_TIME = Shape("bristle_time", "s", 2e-4, 0.02, 2e-3, logarithmic=True, points=3,
+                      ideal="lower")  # fmt: skip
 # Friction that gives way over more is not seen to fall with speed.
 _SHORT_PRESLIDING = replace(_PRESLIDING, upper=0.03, points=5)
 # Beyond twice as much in one direction it would be a bias with some friction, not friction.
@@ -219,6 +242,14 @@ _STRIBECK_FRICTION = replace(
 EFFECTS = (
     _DRY,
     replace(_DRY, law="presliding", shapes=(_PRESLIDING,), step=presliding, state_size=1),
+    replace(
+        _DRY,
+        law="presliding, damped",
+        shapes=(_PRESLIDING, _BRISTLE_TIME),
+        step=_damped_presliding,
+        state_size=1,
+        extends="presliding",
+    ),
     replace(
         _DRY,
         law="behind a spring",
@@ -291,5 +322,13 @@ EFFECTS = (
         shapes=(*_STRIBECK, _SHORT_PRESLIDING),
         step=_stribeck_presliding,
         state_size=1,
+    ),
+    replace(
+        _STRIBECK_FRICTION,
+        law="presliding, damped",
+        shapes=(*_STRIBECK, _SHORT_PRESLIDING, _BRISTLE_TIME),
+        step=_stribeck_damped_presliding,
+        state_size=1,
+        extends="presliding",
     ),
 )

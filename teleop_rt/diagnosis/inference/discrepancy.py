@@ -16,6 +16,7 @@ from teleop_rt.diagnosis.criteria import (
 from teleop_rt.diagnosis.inference.applicable import applicable
 from teleop_rt.diagnosis.inference.explanation import explain, predictor
 from teleop_rt.diagnosis.inference.inner_blocks import blind_energy
+from teleop_rt.diagnosis.inference.one_more import fit_without
 from teleop_rt.diagnosis.inference.ranked import Ranked
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.inference.sets import Scored, search_sets
@@ -32,15 +33,19 @@ def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: 
     """Return whether a named set must be judged again with an unknown remainder.
 
     It must if it leaves more than `_LARGEST_LEFT` of the base's energy on inner blocks and more
-    than `noise`, or if it has two or more effects, leaves more than the form error of any law, and
-    its residual is larger than the `known` noise, that of the fastest differences or of free air
-    (`left`, `known` and `noise` are deviations of the force): a noise of free colour may have
-    absorbed a force that the laws do not describe.
+    than `noise`. It also must if it has two or more effects, its residual is larger than the
+    `known` noise, that of the fastest differences or of free air (`left`, `known` and `noise` are
+    deviations of the force), and it leaves more than the form error of any law, or one of its
+    effects explains less than that: a noise of free colour may have absorbed a force that the laws
+    do not describe.
     """
-    before, after = (blind_energy(plain.problem, fit) for fit in (plain.base, plain.best))
-    loud = left > EXCESS_NOISE_RATIO * known and after > SECOND_SHARE * before
-    if loud and len(plain.best.names) > 1:
-        return True
+    problem, best = plain.problem, plain.best
+    before, after = (blind_energy(problem, fit) for fit in (plain.base, best))
+    if left > EXCESS_NOISE_RATIO * known and len(best.names) > 1:
+        form = SECOND_SHARE * before
+        parts = (fit_without(problem, best, member) for member in range(len(best.names)))
+        if after > form or any(blind_energy(problem, part) < after + form for part in parts):
+            return True
     before, after = before - noise**2, after - noise**2
     return after >= before or after > max(_LARGEST_LEFT * before, NOISE_POWER_DOUBT * noise**2)
 
