@@ -76,6 +76,11 @@ It is possible beside such a base alone, and takes the place there of the law wi
 Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset", "place"]
 
 
+def handling_in_words(compensation: str) -> str:
+    """Return in words what the controller does about an effect of a given `Compensation`."""
+    return "not corrected" if compensation == "none" else compensation.replace("_", " ")
+
+
 @dataclass(frozen=True, slots=True)
 class Shape:
     """A shape parameter η: it enters the effect nonlinearly and has bounds.

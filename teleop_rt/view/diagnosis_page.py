@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.contact.effect import handling_in_words
 from teleop_rt.diagnosis.answers import extended
 from teleop_rt.diagnosis.answers.errors import predicts_worse
 from teleop_rt.diagnosis.answers.residuals import Residuals
@@ -85,11 +86,10 @@ def sentences(answer: dict[str, Any]) -> list[str]:
 
 
 def _effect(entry: dict[str, Any], verdict: str) -> str:
-    """Return the sentence of an effect with its figures, and the controller's treatment of it."""
+    """Return the sentence of an effect with its figures, and the controller's handling of it."""
     undecided = f"If it is {_names([entry['name']])}: " if verdict == "class" else ""
-    treatment = str(entry["compensation"]).replace("_", " ")
-    treatment = "not corrected" if treatment == "none" else treatment
-    belongs = f"It belongs to the {entry['belongs_to']}; on-line: {treatment}."
+    handling = handling_in_words(entry["compensation"])
+    belongs = f"It belongs to the {entry['belongs_to']}; on-line: {handling}."
     return f"{undecided}{style.effect_in_words(entry)} {belongs}"
 
 

@@ -12,6 +12,7 @@ from teleop_rt.cli import app
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.schemas import schema_named
 from teleop_rt.cli.wiring import load_trial_file, open_bench
+from teleop_rt.contact.effect import handling_in_words
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.estimation.rows import rows_for
 from teleop_rt.slave.estimate_log import estimate_table
@@ -173,8 +174,8 @@ def effects_page() -> str:
         amplitude = () if effect.amplitude.unity else (effect.amplitude,)
         names = ", ".join(f"{p.name} [`{p.unit}`]" for p in (*amplitude, *effect.shapes))
         belongs = f"{effect.belongs_to}, {effect.stage}"
-        acts = effect.compensation.replace("_", " ").replace("none", "not corrected")
-        rows.append((f"`{effect.name}`", belongs, names, acts, effect.sentence))
+        handling = handling_in_words(effect.compensation)
+        rows.append((f"`{effect.name}`", belongs, names, handling, effect.sentence))
     return (
         "# Effects\n\nGenerated from the declarations that simulation, regression, on-line"
         f" estimation, compensation and rendering share. {_UNITS}\n\n"
