@@ -29,3 +29,20 @@ def test_a_breathing_surface_that_drifts_leaves_stiffness_alone(
     receded = found["swings_receded"]["value"] * found["swing"]["value"]
     assert receded == pytest.approx(recedes_m_per_s, rel=0.05)
     assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(3600.0, rel=0.01)
+
+
+@pytest.mark.parametrize("second", [0.4, *cases(2.0)])
+def test_a_beating_surface_is_one_effect_whichever_harmonic_is_the_strongest(second: float) -> None:
+    """The harmonics were a periodic force beside it, and four times the noise was left."""
+    dt_s = 0.004
+    t = dt_s * np.arange(5000)
+    x = 0.016 + 4e-3 * np.sin(2.0 * np.pi * 0.63 * t) + 3e-3 * np.sin(2.0 * np.pi * 0.27 * t + 1.0)
+    beat = 2.0 * np.pi * 1.1 * t
+    pulse = np.sin(beat) + second * np.sin(2.0 * beat + 1.0) + 0.2 * np.sin(3.0 * beat + 2.0)
+    depth = x - 0.0115 - 4e-4 * pulse
+    force = np.maximum(900.0 * depth + 8.0 * np.gradient(depth, dt_s), 0.0) * (depth > 0.0)
+    force += 0.02 * np.random.default_rng(4).standard_normal(t.size)
+    answer = diagnose(from_arrays("heart", t, 1e-6 * np.round(x / 1e-6), force)).answer
+    assert answer["class"] == [["moving_surface"]]
+    assert answer["error"]["after_over_floor"] < 1.1
+    assert answer["base"]["parameters"]["k"]["value"] == pytest.approx(900.0, rel=0.01)

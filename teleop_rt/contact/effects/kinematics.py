@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import expm1, pi, sin
+from math import cos, expm1, pi, sin
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.kernels.jit import kernel
@@ -42,6 +42,28 @@ def _swinging_away(
     return float(-sin(2.0 * pi * eta[0] * t + eta[1]) - eta[2] * t)
 
 
+@kernel
+def _beating(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return a swing with its second and third harmonic, as that of a heart."""
+    turn = 2.0 * pi * eta[0] * t + eta[1]
+    second = eta[2] * sin(2.0 * turn) + eta[3] * cos(2.0 * turn)
+    third = eta[4] * sin(3.0 * turn) + eta[5] * cos(3.0 * turn)
+    return float(-sin(turn) - second - third)
+
+
+@kernel
+def _beating_twice(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Return a beat with a strong second harmonic, whose first and third are the smaller ones."""
+    turn = 2.0 * pi * eta[0] * t + eta[1]
+    first = eta[2] * sin(0.5 * turn) + eta[3] * cos(0.5 * turn)
+    third = eta[4] * sin(1.5 * turn) + eta[5] * cos(1.5 * turn)
+    return float(-sin(turn) - first - third)
+
+
 _SWINGING = Effect(
     name="moving_surface",
     law="swinging",
@@ -77,6 +99,14 @@ _STEADY = Effect(
     only_in_contact=False,
     acts="moves_position",
 )
+
+
+def _harmonics(*orders: str) -> tuple[Shape, ...]:
+    """Return the harmonics of a beat, as multiples of the swing."""
+    parts = [f"{order}_{part}" for order in orders for part in ("sine", "cosine")]
+    return tuple(Shape(part, "1", -2.0, 2.0, 0.0, points=2) for part in parts)
+
+
 EFFECTS = (
     Effect(
         name="contact_offset",
@@ -122,6 +152,22 @@ EFFECTS = (
         step=_swinging_away,
         sentence="The surface swings by {swing} at {frequency}, and recedes by {swings_receded} of"
         " its swing.",
+        extends=_SWINGING.law,
+    ),
+    replace(
+        _SWINGING,
+        law="beating",
+        shapes=(*_SWINGING.shapes, *_harmonics("second", "third")),
+        step=_beating,
+        sentence="The surface beats by {swing} at {frequency}, with harmonics.",
+        extends=_SWINGING.law,
+    ),
+    replace(
+        _SWINGING,
+        law="beating twice",
+        shapes=(*_SWINGING.shapes, *_harmonics("first", "third")),
+        step=_beating_twice,
+        sentence="The surface beats by {swing} at {frequency}, the second harmonic of its beat.",
         extends=_SWINGING.law,
     ),
     Effect(
