@@ -29,6 +29,13 @@ def _power_of_time(
 
 
 @kernel
+def _wandering(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return sin(2.0 * pi * t / eta[0] + eta[1]) + eta[2] * t / eta[0]
+
+
+@kernel
 def _tone(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return sin(2.0 * pi * eta[0] * t + eta[1])
 
@@ -189,6 +196,26 @@ EFFECTS = (
         ),
         step=_logarithm_of_time,
         sentence="The force sensor creeps: {drift} for each e-fold of time past {time_constant}.",
+        compensation="subtract_force",
+        only_in_contact=False,
+    ),
+    # A room's or a drive's warmth goes up and down about a trend. Quicker swings are a tone, or
+    # another effect.
+    Effect(
+        name="force_drift",
+        law="wandering",
+        family="drift",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=Amplitude("drift", "{f}", nonnegative=True),
+        shapes=(
+            Shape("period", "s", 0.5, 4.0, 1.0, logarithmic=True, relative_to="duration", points=4),
+            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
+            Shape("rise", "1", -5.0, 5.0, 0.0, points=3),
+        ),
+        step=_wandering,
+        sentence="The force sensor drifts by {drift} to and fro in {period}, and by {rise} of that"
+        " on the whole.",
         compensation="subtract_force",
         only_in_contact=False,
     ),
