@@ -69,7 +69,7 @@ def _damped_presliding(
     """Advance Dahl's z and return z + tau z': bristles that are damped (LuGre's sigma 1)."""
     before = state[0]
     bent = presliding(state, x, v, a, t, dt, eta)
-    return bent + eta[1] * (bent - before) / dt
+    return float(bent + eta[1] * (bent - before) / dt)
 
 
 @kernel
@@ -148,7 +148,7 @@ def _stribeck_damped_presliding(
     """Return z + tau z' of LuGre's model (Canudas de Wit et al., IEEE TAC 40, 1995)."""
     before = state[0]
     bent = _stribeck_presliding(state, x, v, a, t, dt, eta)
-    return bent + eta[3] * (bent - before) / dt
+    return float(bent + eta[3] * (bent - before) / dt)
 
 
 SMOOTHING = Shape(

@@ -32,7 +32,7 @@ def _power_of_time(
 def _wandering(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    return sin(2.0 * pi * t / eta[0] + eta[1]) + eta[2] * t / eta[0]
+    return float(sin(2.0 * pi * t / eta[0] + eta[1]) + eta[2] * t / eta[0])
 
 
 @kernel
