@@ -15,8 +15,10 @@ from teleop_rt.contact.effects import (
     ripple,
     second_layer,
     sensor,
+    sensor_zero,
     softening,
     stiffening,
+    stribeck,
     tool,
 )
 
@@ -32,8 +34,10 @@ LIBRARY: tuple[Effect, ...] = (
     *damage.EFFECTS,
     *adhesion.EFFECTS,
     *friction.EFFECTS,
+    *stribeck.EFFECTS,
     *tool.EFFECTS,
     *ripple.EFFECTS,
+    *sensor_zero.EFFECTS,
     *sensor.EFFECTS,
 )
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(effect.name for effect in LIBRARY))

@@ -123,34 +123,6 @@ def _presliding_under_load(
     return float(state[0])
 
 
-@kernel
-def _stribeck_smoothed(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    return float(tanh(v / eta[2]) * (1.0 + eta[1] * exp(-((v / eta[0]) ** 2))))
-
-
-@kernel
-def _stribeck_presliding(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    sign = 1.0 if v > 0.0 else -1.0
-    level = 1.0 + eta[1] * exp(-((v / eta[0]) ** 2))
-    goal = sign * level
-    state[0] = goal + (state[0] - goal) * exp(-abs(v) * dt / (eta[2] * level))
-    return float(state[0])
-
-
-@kernel
-def _stribeck_damped_presliding(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Return z + tau z' of LuGre's model (Canudas de Wit et al., IEEE TAC 40, 1995)."""
-    before = state[0]
-    bent = _stribeck_presliding(state, x, v, a, t, dt, eta)
-    return float(bent + eta[3] * (bent - before) / dt)
-
-
 SMOOTHING = Shape(
     "smoothing_velocity",
     "{x}/s",
@@ -163,7 +135,7 @@ SMOOTHING = Shape(
     ideal="lower",
 )
 # Seals and fretting joints give by up to half of a small stroke before they slide.
-_PRESLIDING = Shape(
+PRESLIDING = Shape(
     "presliding_travel",
     "{x}",
     5e-5,
@@ -175,30 +147,14 @@ _PRESLIDING = Shape(
     ideal="lower",
 )
 # Damping of bristles over their stiffness: LuGre's own example has 3 ms.
-_BRISTLE_TIME = Shape("bristle_time", "s", 2e-4, 0.02, 2e-3, logarithmic=True, points=3,
+BRISTLE_TIME = Shape("bristle_time", "s", 2e-4, 0.02, 2e-3, logarithmic=True, points=3,
                       ideal="lower")  # fmt: skip
-# Friction that gives way over more is not seen to fall with speed.
-_SHORT_PRESLIDING = replace(_PRESLIDING, upper=0.03, points=5)
 # Beyond twice as much in one direction it would be a bias with some friction, not friction.
 _BACKWARD = Shape("backward_ratio", "1", 0.5, 2.0, 1.0, logarithmic=True, points=4)
 # Seals and rollers are pressed by the load that the drive carries.
 _DOUBLING = Shape("doubling_depth", "{x}", 0.05, 20.0, 1.0, logarithmic=True, relative_to="travel",
                   points=3, ideal="upper")  # fmt: skip
-_STRIBECK = (
-    Shape(
-        "stribeck_velocity",
-        "{x}/s",
-        5e-3,
-        0.5,
-        0.05,
-        logarithmic=True,
-        relative_to="speed",
-        points=6,
-    ),
-    Shape("excess_ratio", "1", 0.05, 4.0, 0.6, logarithmic=True, points=2),
-)
-
-_DRY = Effect(
+DRY = Effect(
     name="coulomb_friction",
     law="smoothed sign",
     family="friction",
@@ -213,7 +169,7 @@ _DRY = Effect(
     only_in_contact=False,
 )
 _BY_DIRECTION = replace(
-    _DRY,
+    DRY,
     law="smoothed sign, by direction",
     shapes=(SMOOTHING, _BACKWARD),
     step=_sign_by_direction,
@@ -221,7 +177,7 @@ _BY_DIRECTION = replace(
     like=("coulomb_friction", "force_bias"),
 )
 _UNDER_LOAD = replace(
-    _DRY,
+    DRY,
     law=f"smoothed sign, {UNDER_LOAD}",
     shapes=(SMOOTHING, _DOUBLING),
     step=_sign_under_load,
@@ -231,42 +187,35 @@ _UNDER_LOAD = replace(
     ),
     extends="smoothed sign",
 )
-_STRIBECK_FRICTION = replace(
-    _DRY,
-    name="stribeck_friction",
-    shapes=(*_STRIBECK, SMOOTHING),
-    step=_stribeck_smoothed,
-    sentence="Dry friction of {friction_force} that rises by {excess_ratio} at low speed.",
-)
 
 EFFECTS = (
-    _DRY,
-    replace(_DRY, law="presliding", shapes=(_PRESLIDING,), step=presliding, state_size=1),
+    DRY,
+    replace(DRY, law="presliding", shapes=(PRESLIDING,), step=presliding, state_size=1),
     replace(
-        _DRY,
+        DRY,
         law="presliding, damped",
-        shapes=(_PRESLIDING, _BRISTLE_TIME),
+        shapes=(PRESLIDING, BRISTLE_TIME),
         step=_damped_presliding,
         state_size=1,
         extends="presliding",
     ),
     replace(
-        _DRY,
+        DRY,
         law="behind a spring",
-        shapes=(_PRESLIDING,),
+        shapes=(PRESLIDING,),
         step=_sliding_behind_spring,
         sentence="Dry friction of {friction_force}; its joint gives {presliding_travel} first.",
         state_size=1,
     ),
     # With presliding, friction of a body alone is its hysteresis: one force, one name.
     replace(
-        _DRY,
+        DRY,
         law="smoothed sign, in contact",
         sentence="Dry friction of {friction_force} in contact, none in free air.",
         only_in_contact=True,
     ),
     replace(
-        _DRY,
+        DRY,
         law="smoothed sign, growing with depth",
         amplitude=Amplitude("friction_per_depth", "{f}/{x}", nonnegative=True),
         step=smoothed_sign_with_depth,
@@ -274,7 +223,7 @@ EFFECTS = (
         only_in_contact=True,
     ),
     replace(
-        _DRY,
+        DRY,
         law=f"smoothed sign, growing with depth {OF_THE_SPRING}",
         amplitude=Amplitude("friction_per_depth", "{f}/{x}^power", nonnegative=True),
         shapes=(SMOOTHING, SPRING_POWER),
@@ -283,7 +232,7 @@ EFFECTS = (
         only_in_contact=True,
     ),
     replace(
-        _DRY,
+        DRY,
         law=f"{WITHOUT_CONTACT}, growing beside the rest",
         amplitude=Amplitude("friction_per_way", "{f}/{x}", nonnegative=True),
         shapes=(replace(CENTRE, points=5), SMOOTHING),
@@ -294,14 +243,14 @@ EFFECTS = (
     replace(
         _BY_DIRECTION,
         law="presliding, by direction",
-        shapes=(_PRESLIDING, _BACKWARD),
+        shapes=(PRESLIDING, _BACKWARD),
         step=_presliding_by_direction,
         state_size=1,
     ),
     replace(
         _BY_DIRECTION,
         law="behind a spring, by direction",
-        shapes=(_PRESLIDING, _BACKWARD),
+        shapes=(PRESLIDING, _BACKWARD),
         step=_sliding_behind_spring_by_direction,
         state_size=1,
         extends="behind a spring",
@@ -310,24 +259,8 @@ EFFECTS = (
     replace(
         _UNDER_LOAD,
         law=f"presliding, {UNDER_LOAD}",
-        shapes=(_PRESLIDING, _DOUBLING),
+        shapes=(PRESLIDING, _DOUBLING),
         step=_presliding_under_load,
-        state_size=1,
-        extends="presliding",
-    ),
-    _STRIBECK_FRICTION,
-    replace(
-        _STRIBECK_FRICTION,
-        law="presliding",
-        shapes=(*_STRIBECK, _SHORT_PRESLIDING),
-        step=_stribeck_presliding,
-        state_size=1,
-    ),
-    replace(
-        _STRIBECK_FRICTION,
-        law="presliding, damped",
-        shapes=(*_STRIBECK, _SHORT_PRESLIDING, _BRISTLE_TIME),
-        step=_stribeck_damped_presliding,
         state_size=1,
         extends="presliding",
     ),
