@@ -275,3 +275,17 @@ def test_a_force_that_shakes_for_a_while_after_each_turn_is_no_noise(
     verdict, notes = judged(_recorded((x, v), shaken, seed))
     assert verdict == "unexplained"
     assert "time since the last turn" in notes
+
+
+def test_even_noise_is_noise_where_errors_of_the_encoder_would_be_spikes() -> None:
+    """Each turn makes a spike of them, through the friction: noise was "an even amplitude"."""
+    rng = np.random.default_rng(3)
+    x = 4e-3 + 6e-3 * np.sin(2.0 * np.pi * 0.7 * _T) + 3e-3 * np.sin(2.0 * np.pi * 1.9 * _T)
+    v = np.gradient(x, DT_S)
+    force = np.where(x > 0.0, 2500.0 * x + 12.0 * v, 0.0) + 1.2 * np.tanh(v / 1e-3)
+    force += rng.normal(0.0, 0.03, _T.size)
+    measured = x + rng.normal(0.0, 1e-6, _T.size)
+    answer = diagnose(from_arrays("spring", _T, measured, force)).answer
+    assert answer["class"] == [["coulomb_friction"]]
+    assert answer["probability"]["coulomb_friction"] > 0.9
+    assert not any("amplitude" in note for note in answer["notes"])

@@ -41,6 +41,7 @@ _WINDOWS = 24  # of a recording, in each of which kurtosis is taken: two levels 
 _BURST_S, _FEWEST_OF_WINDOW = 0.1, 8  # s and samples of a window whose power is taken
 _BURST_RATIO = 1.5  # of mean to median power, over that of draws, at which bursts hold a third
 _FLAT_RATIO = 0.8  # of kurtosis, over that of draws; of 180 noises none has less than 0.9
+_NORMAL_KURTOSIS = 3.0  # draws with the spikes of encoder errors at turns have more
 _BOTH_SIDES = np.array([-1.0, 1.0])
 _LAGS = (1, 2, 4, 8, 16, 32, 64, 128)  # samples, over which changes are taken
 _JUMPS_RATIO = 1.5  # the same of changes; of 180 noises none has 1.2
@@ -124,7 +125,7 @@ def _beside_white_noise(problem: Problem, rows: Matrix, whose: str) -> list[str]
     flatness, *flat = (_flatness(row[used]) for row in rows)
     jumps = np.array([_jumps(row, used) for row in rows])
     found = []
-    if flatness < _FLAT_RATIO * min(flat):
+    if flatness < _FLAT_RATIO * min(*flat, _NORMAL_KURTOSIS):
         found.append(
             f"{whose} looks like noise, but has an even amplitude: it jumps between two"
             " levels (check plugs and wires of the force sensor, and its mount for play), or is a"
