@@ -97,3 +97,14 @@ def test_beside_a_friction_nothing_smaller_is_promised_than_without_it() -> None
         assert answer["class"] == ([["coulomb_friction"]] if friction else [])
     for name in ("channel_delay", "moving_surface"):
         assert found[1][name] is None or found[1][name] > found[0][name]
+
+
+def test_no_frequency_is_reported_that_the_sample_rate_does_not_show() -> None:
+    """At 500 Hz a tone of 375 Hz was said to be detectable."""
+    every = plain()
+    slow = replace(every, position=every.position[::5], force=every.force[::5], dt=5.0 * every.dt)
+    tone = find("periodic_disturbance")
+    answer = diagnose(slow, "kelvin-voigt", surface=0.0, effects=(tone,)).answer
+    (size,) = answer["detectable"]
+    assert size["size"] > 0.0
+    assert size["shape"]["frequency"] < 0.5 / slow.dt

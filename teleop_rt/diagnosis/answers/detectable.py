@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.contact.effect import Effect, Matrix, Vector
+from teleop_rt.contact.effect import Effect, Matrix, Shape, Vector
 from teleop_rt.diagnosis.answers.answer import fill
 from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
@@ -131,7 +131,7 @@ def _sizes(
     """
     scales = problem.motion.scales
     free = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
-    values = [grid(replace(s, points=min(max(s.points, 2), _SHAPES)), scales) for s in free]
+    values = [grid(_sampled(shape, problem.motion.dt), scales) for shape in free]
     most = max(map(abs, bounds(effect.amplitude, scales)))
     for place in product(*values):
         eta = np.array(place, dtype=np.float64)
@@ -145,6 +145,12 @@ def _sizes(
                 break
             amplitude = size
         yield size, eta
+
+
+def _sampled(shape: Shape, dt: float) -> Shape:
+    """Return the shape with few points; a frequency ends below half the rate of samples."""
+    upper = min(shape.upper, 0.4 / dt) if shape.unit == "Hz" else shape.upper
+    return replace(shape, upper=upper, points=min(max(shape.points, 2), _SHAPES))
 
 
 def _row_of_unit(
