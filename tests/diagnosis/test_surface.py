@@ -353,7 +353,7 @@ def test_a_base_with_a_bias_has_no_friction_that_differs_by_direction() -> None:
     """While the tool moves such a friction is even friction and a bias: no data show its ratio."""
     t = np.arange(400) * 1e-3
     recording = from_arrays("any", t, 1e-3 * t, t)
-    for terms, laws in (("spring,viscous,bias", 4), ("spring,viscous", 7)):
+    for terms, laws in (("spring,viscous,bias", 5), ("spring,viscous", 8)):
         left = applicable(LIBRARY, recording, base_of(terms))
         assert len([e for e in left if e.name == "coulomb_friction"]) == laws
 

@@ -166,6 +166,6 @@ def test_a_drift_that_goes_to_and_fro_about_a_trend_is_a_drift() -> None:
     x, v = _moved(5)
     part = _T / _T[-1]
     warmth = 0.9 * part + 0.5 * np.sin(2.0 * np.pi * 1.1 * part + 0.4)
-    answer = _answer(x, _body(x, v) + 1.5 * warmth, 5)
+    answer = _answer(x, _body(x, v) + 1.5 * (warmth - warmth[0]), 5)
     assert answer["class"] == [["force_drift"]]
     assert answer["error"]["after_over_floor"] < 1.05

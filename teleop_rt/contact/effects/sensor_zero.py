@@ -31,7 +31,8 @@ def _power_of_time(
 def _wandering(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    return float(sin(2.0 * pi * t / eta[0] + eta[1]) + eta[2] * t / eta[0])
+    """Return a swing about a trend, 0 at the beginning: else it could be a bias."""
+    return float(sin(2.0 * pi * t / eta[0] + eta[1]) - sin(eta[1]) + eta[2] * t / eta[0])
 
 
 @kernel

@@ -35,15 +35,16 @@ def needs_unknown_remainder(plain: Diagnosis, left: float, known: float, noise: 
     It must if it leaves more than `_LARGEST_LEFT` of the base's energy on inner blocks and more
     than `noise`. It also must if it has two or more effects, its residual is larger than the
     `known` noise, that of the fastest differences or of free air (`left`, `known` and `noise` are
-    deviations of the force), and it leaves more than the form error of any law, or one of its
-    effects explains less than that: a noise of free colour may have absorbed a force that the laws
-    do not describe.
+    deviations of the force), and it leaves more than the form error of any law: a noise of free
+    colour may have absorbed a force that the laws do not describe; or a delay explains less than
+    that: it moves the force of the other laws, and so stands in for the error of their form.
     """
     problem, best = plain.problem, plain.best
     before, after = (blind_energy(problem, fit) for fit in (plain.base, best))
     if left > EXCESS_NOISE_RATIO * known and len(best.names) > 1:
         form = SECOND_SHARE * before
-        parts = (fit_without(problem, best, member) for member in range(len(best.names)))
+        delays = [i for i, effect in enumerate(best.model.effects) if effect.family == "delay"]
+        parts = (fit_without(problem, best, member) for member in delays)
         if after > form or any(blind_energy(problem, part) < after + form for part in parts):
             return True
     before, after = before - noise**2, after - noise**2

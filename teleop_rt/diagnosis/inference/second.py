@@ -78,8 +78,6 @@ def all_needed(
     by_encoder = ENCODER_ENERGY_RATIO * min(floor, longer.encoder_energy_along)
     if best.fit.chi2 - longer.fit.chi2 <= by_encoder:
         return False
-    if _is_timing_of_a_form(longer, best, excess):
-        return False
     # A shorter set outside it that leaves less is the same claim with one name less.
     rival = min(shorter.values(), key=lambda r: r.fit.bic)
     if rival is best and _takes_the_rest(longer, best):
@@ -126,17 +124,6 @@ def extension_needed(
     left = _Remainder.of(problem, longer, alone, excess, floor)
     gain = left.criterion(problem, simpler.fit) - left.criterion(problem, longer.fit)
     return gain > CERTAIN_BIC
-
-
-def _is_timing_of_a_form(longer: Ranked, alone: Ranked, excess: float) -> bool:
-    """Return whether a set adds a delay for less than the form of any law misses.
-
-    A delay moves the force of the other laws, so their forms and the delay stand in for each other:
-    a negative one absorbs the damping of a friction's bristles whole.
-    """
-    added = [e for e in longer.fit.model.effects if e.name not in alone.fit.names]
-    small = _rest(alone) < min(_FORM_SIZES) ** 2 * excess
-    return small and any(effect.family == "delay" for effect in added)
 
 
 def _takes_the_rest(longer: Ranked, alone: Ranked) -> bool:
