@@ -41,7 +41,7 @@ class Count:
     ("effects", "fits", "predictions"),
     [
         ((), 800, 450),
-        (("coulomb_friction",), 1320, 1000),
+        (("coulomb_friction",), 1320, 1080),
         (("channel_delay", "force_bias"), 2300, 2900),
     ],
 )
