@@ -77,7 +77,7 @@ Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset
 
 
 def handling_in_words(compensation: str) -> str:
-    """Return in words what the controller does about an effect of a given `Compensation`."""
+    """Return the words for the on-line handling of an effect, by its `Compensation`."""
     return "not corrected" if compensation == "none" else compensation.replace("_", " ")
 
 
