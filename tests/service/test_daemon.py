@@ -266,9 +266,11 @@ def test_a_device_that_was_lost_while_disarmed_is_the_fault_of_the_end(ready):
 
 def test_a_device_that_was_lost_is_named_where_the_drive_was_missed_first(ready):
     """Of a rig that is gone at once, the drive's silence is noted before a heartbeat is due."""
+    assert ready.ask("arm")["ok"]
+    ready.until(State.ARMED)
     ready.rig.inject("mute", "force sensor")
+    ready.slave.safety.stop(DRIVE_SILENT)
     ready.ticks(200)
-    ready.slave.safety.state, ready.slave.safety.fault = State.FAULT, DRIVE_SILENT
     fault = slave_outcome(ready.slave, ready.trial.slave_endpoint)["safety"]["fault"]
     assert fault["name"] == "drive_silent"
     assert fault["said"] == "force sensor (0x20): its heartbeat ended"
