@@ -159,13 +159,3 @@ def test_a_rigid_body_behind_a_joint_has_derivatives_of_zero(damping: float) -> 
     )
     assert np.all(np.isfinite(by_k))
     assert np.all(1e-4 * rigid.k * by_k[x > 1e-5] < force[x > 1e-5])
-
-
-def test_a_drift_that_goes_to_and_fro_about_a_trend_is_a_drift() -> None:
-    """A room's warmth does so. It left seven times the noise, "unexplained"."""
-    x, v = _moved(5)
-    part = _T / _T[-1]
-    warmth = 0.9 * part + 0.5 * np.sin(2.0 * np.pi * 1.1 * part + 0.4)
-    answer = _answer(x, _body(x, v) + 1.5 * (warmth - warmth[0]), 5)
-    assert answer["class"] == [["force_drift"]]
-    assert answer["error"]["after_over_floor"] < 1.05

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log1p, pi, sin
+from math import exp, log1p
 
 from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
 from teleop_rt.kernels.jit import kernel
@@ -25,14 +25,6 @@ def _power_of_time(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
     return float(t ** eta[0])
-
-
-@kernel
-def _wandering(
-    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
-) -> float:
-    """Return a swing about a trend, 0 at the beginning: else it could be a bias."""
-    return float(sin(2.0 * pi * t / eta[0] + eta[1]) - sin(eta[1]) + eta[2] * t / eta[0])
 
 
 @kernel
@@ -112,26 +104,6 @@ EFFECTS = (
         ),
         step=_logarithm_of_time,
         sentence="The force sensor creeps: {drift} for each e-fold of time past {time_constant}.",
-        compensation="subtract_force",
-        only_in_contact=False,
-    ),
-    # A room's or a drive's warmth goes up and down about a trend. Quicker swings are a tone, or
-    # another effect.
-    Effect(
-        name="force_drift",
-        law="wandering",
-        family="drift",
-        belongs_to="rig",
-        stage="sensor",
-        amplitude=Amplitude("drift", "{f}", nonnegative=True),
-        shapes=(
-            Shape("period", "s", 0.5, 4.0, 1.0, logarithmic=True, relative_to="duration", points=4),
-            Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
-            Shape("rise", "1", -5.0, 5.0, 0.0, points=3),
-        ),
-        step=_wandering,
-        sentence="The force sensor drifts by {drift} to and fro in {period}, and by {rise} of that"
-        " on the whole.",
         compensation="subtract_force",
         only_in_contact=False,
     ),
