@@ -57,7 +57,7 @@ def _beating(
 def _beating_twice(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    """Return a beat with a strong second harmonic, whose first and third are the smaller ones."""
+    """Return a beat by its second harmonic, which may be the strongest, with first and third."""
     turn = 2.0 * pi * eta[0] * t + eta[1]
     first = eta[2] * sin(0.5 * turn) + eta[3] * cos(0.5 * turn)
     third = eta[4] * sin(1.5 * turn) + eta[5] * cos(1.5 * turn)
