@@ -76,8 +76,8 @@ class RealtimeConfig(Section):
         ge=0,
         le=200,
         description=(
-            "Time before each deadline that is spent waiting without sleep; 50 removes most of the"
-            " wake latency, at the cost of that share of a core."
+            "Time before each deadline that is spent waiting without sleep; 50 removes the wake"
+            " latency that the loop's own lead leaves, at the cost of that share of a core."
         ),
     )
     late: LateConfig = Field(

@@ -15,8 +15,6 @@ import numba
 import pytest
 
 from teleop_rt.realtime import own_pages, scheduling
-from teleop_rt.realtime.clock import AHEAD_NS, RealClock
-from teleop_rt.realtime.lateness import late_ns
 from teleop_rt.trial.processes import TrialProcesses
 
 MCL_FUTURE = 2  # of <sys/mman.h>: pages mapped later are locked, too
@@ -216,101 +214,6 @@ def test_a_process_whose_kernel_refuses_everything_reports_each_and_goes_on(code
         assert result["mlockall"].endswith(
             "use a kernel that locks memory on fault (Linux 4.4 or newer)"
         )
-
-
-class FakeTime:
-    """A machine's clock that a test moves: sleeping overshoots, reading takes a microsecond."""
-
-    def __init__(self) -> None:
-        self.now = 0
-        self.slept: list[int] = []
-        self.oversleeps = 0
-
-    def monotonic_ns(self) -> int:
-        self.now += 1000
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        self.slept.append(round(seconds * 1e9))
-        self.now += round(seconds * 1e9) + 30_000 + self.oversleeps
-        self.oversleeps = 0
-
-
-@pytest.fixture
-def machine(monkeypatch):
-    fake = FakeTime()
-    monkeypatch.setattr("teleop_rt.realtime.clock.time", fake)
-    return fake
-
-
-@pytest.mark.parametrize("rate_hz", [100, 1000, 4000])
-def test_deadlines_lie_on_one_grid_and_missed_ones_are_skipped_and_counted(machine, rate_hz):
-    period = 10**9 // rate_hz
-    clock = RealClock(period)
-    start = machine.now
-    skipped = 0
-    for tick in range(500):
-        if tick % 100 == 50:
-            machine.now += 3 * period
-        skipped += clock.wait_next_tick()
-        assert machine.now - clock.wake_latency_ns == start + (tick + 1 + skipped) * period
-        assert 0 <= clock.wake_latency_ns <= 40_000
-    assert skipped == 15
-
-
-@pytest.mark.parametrize("rate_hz", [100, 1000, 4000])
-def test_who_oversleeps_learns_it_with_that_tick_and_stays_on_the_grid(machine, rate_hz):
-    period = 10**9 // rate_hz
-    clock = RealClock(period)
-    start = machine.now
-    assert clock.wait_next_tick() == 0
-    machine.oversleeps = 3 * period + period // 2
-    assert clock.wait_next_tick() == 3
-    assert 0 <= clock.wake_latency_ns - (3 * period + period // 2) <= 40_000
-    assert late_ns(3, clock.wake_latency_ns, period) == clock.wake_latency_ns
-    assert clock.wait_next_tick() == 0
-    assert machine.now - clock.wake_latency_ns == start + 6 * period
-
-
-def test_a_spin_sleeps_less_and_wakes_nearer_to_the_deadline(machine):
-    clock = RealClock(1_000_000, spin_ns=100_000)
-    for _ in range(10):
-        assert clock.wait_next_tick() == 0
-        assert clock.wake_latency_ns <= 1000
-        assert machine.slept[-1] <= 900_000
-    late = RealClock(1_000_000)
-    late.wait_next_tick()
-    assert late.wake_latency_ns >= 29_000
-
-
-@pytest.mark.parametrize("watched", [False, True])
-def test_work_ahead_of_a_tick_is_done_once_and_ends_before_the_deadline(machine, watched):
-    period, done = 1_000_000, []
-
-    def work() -> None:
-        done.append(clock._deadline_ns - machine.now)
-        machine.now += 30_000
-
-    watch = machine.sleep if watched else None
-    clock = RealClock(period, watch=watch, ahead=work)
-    for tick in range(1, 11):
-        assert clock.wait_next_tick() == 0
-        assert len(done) == tick
-    # A wake-up of FakeTime is 30 us late, and the work takes as long.
-    assert all(60_000 < before_ns <= AHEAD_NS for before_ns in done)
-    assert all(one > AHEAD_NS for one in machine.slept[:: len(machine.slept) // 10])
-
-
-def test_work_ahead_is_left_out_where_a_tick_leaves_no_time_for_it(machine):
-    done = []
-    clock = RealClock(1_000_000, ahead=lambda: done.append(machine.now))
-    clock.wait_next_tick()
-    machine.now = clock._deadline_ns + 1_000_000 - AHEAD_NS
-    assert clock.wait_next_tick() == 0
-    assert len(done) == 1
-    machine.now += 500_000
-    assert clock.wait_next_tick() == 0
-    assert len(done) == 2
 
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core")
