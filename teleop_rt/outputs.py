@@ -14,6 +14,9 @@ from pathlib import Path
 
 from teleop_rt.errors import ExpectedError
 
+DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+"""Errors of a disk that has no room: full, quota, file limit."""
+
 
 class OutputError(ExpectedError):
     """A file or folder cannot be written to; the message names it, the cause and the next step."""
@@ -56,9 +59,35 @@ def unwritable(
     folder: Path, error: OSError, what_next: str = "name another folder with --out"
 ) -> OutputError:
     """Return the refusal of a folder that cannot be made, or into which nothing can be written."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if error.errno in DISK_FULL:
         what_next = f"make room, or {what_next}"
     return OutputError(f"{folder}: cannot be made or written: {error.strerror}: {what_next}")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file: whole, or, on a full disk, not at all.
+
+    Raises OSError, which names the file.
+    """
+    unfinished = path.with_name(f"{path.name}.part")
+    try:
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.rename(path)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        error.filename = str(path)
+        raise
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name a path in an OSError that names none, as the system's of a full disk."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 @contextmanager

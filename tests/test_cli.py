@@ -119,14 +119,6 @@ def test_a_folder_that_is_there_but_on_a_read_only_disk_is_refused(call, tmp_pat
     assert "here: cannot be made or written: Read-only file system: name another folder" in err
 
 
-@pytest.fixture
-def files_end_at():
-    """Let the disk refuse all that goes beyond so many bytes of a file."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 def test_a_disk_that_takes_no_trial_ends_the_run_with_one_message(call, tmp_path, files_end_at):
     files_end_at(1000)
     code, out, err = call("run", SILICONE, "--clock", "simulated", "--out", tmp_path / "here")

@@ -65,6 +65,20 @@ def test_replay_of_a_run_gives_its_very_estimates_and_a_trace(call, tmp_path):
     assert last == pytest.approx(value, rel=1e-12)
 
 
+def test_a_full_disk_loses_no_answer_of_a_replay_and_keeps_no_part_of_its_trace(
+    call, tmp_path, files_end_at
+):
+    recording = write_csv(tmp_path / "a.csv", *press())
+    files_end_at(2000)
+    words = ("replay", recording, "--models", "kelvin-voigt", "--trace", "theta.npz", *ALONE)
+    code, out, err = call(*words)
+    assert code == 1
+    assert "k = " in out
+    cause = "theta.npz: cannot be made or written: File too large: make room, or name another file"
+    assert err.startswith(f"{cause} with --trace")
+    assert not (tmp_path / "theta.npz").exists()
+
+
 def test_one_flag_takes_several_pairs_and_a_file_after_them(call, tmp_path):
     t, x, f = press()
     path = write_csv(tmp_path / "a.csv", t, 1e3 * x, -f, "clock,place,pull")

@@ -9,7 +9,7 @@ from typing import Any
 
 from teleop_rt import __version__
 from teleop_rt.batch.workers import Case, Evaluate, Result, Workers
-from teleop_rt.outputs import OutputError, refuse_file
+from teleop_rt.outputs import OutputError, naming, refuse_file
 from teleop_rt.trial.folder import plain_json, write_json
 
 Progress = Callable[[int, int], None]
@@ -98,14 +98,26 @@ def in_order(
     yielded = 0
     for case, result in workers.run(evaluate, missing) if missing else ():
         plain: Result = plain_json(result)
-        if path is not None and lasts(case, plain):
-            _append(path, case, plain)
+        unkept = _unkept(path, case, plain) if path is not None and lasts(case, plain) else None
         found[key_of(case)] = plain
         progress(sum(key in found for key in keys), len(cases))
         while yielded < len(keys) and keys[yielded] in found:
             yield found[keys[yielded]]
             yielded += 1
+        if unkept is not None:  # the results themselves are not lost
+            yield from (found[key] for key in keys[yielded:] if key in found)
+            raise unkept
     yield from (found[key] for key in keys[yielded:])
+
+
+def _unkept(path: Path, case: Case, result: Result) -> OSError | None:
+    """Write a line; return the error, which names the file, where it cannot be written."""
+    try:
+        with naming(path):
+            _append(path, case, result)
+    except OSError as error:
+        return error
+    return None
 
 
 def _append(path: Path, case: Case, result: Result) -> None:

@@ -30,7 +30,7 @@ from teleop_rt.offline.load import load_any
 from teleop_rt.offline.on_line_error import cause_of_error
 from teleop_rt.offline.table import Table
 from teleop_rt.offline.withdrawal import keep_or_withdraw
-from teleop_rt.offline.write import write_diagnosis
+from teleop_rt.offline.write import KEPT, NOT_YET, Keep, ignore, write_diagnosis
 from teleop_rt.trial.folder import RECORDING
 
 RunTrial = Callable[[Sequence[str], Path], Mapping[str, Any]]
@@ -86,33 +86,28 @@ class EffectsFound:
 
 
 def close_loop(
-    trial: TrialConfig, base: str, run: RunTrial, library: tuple[Effect, ...], out: Path
+    trial: TrialConfig,
+    base: str,
+    run: RunTrial,
+    library: tuple[Effect, ...],
+    out: Path,
+    keep: Keep = ignore,
 ) -> dict[str, Any]:
     """Run, diagnose, extend, and run a fresh trial; return the answer, JSON-ready.
 
     Folders below `out`: first, diagnosis, perhaps experiment, and before and after for the fresh
-    trial without and with the extended model, which is model.yaml unless it is withdrawn. Raises
-    the errors of `run`, and RecordingError where the first recording cannot be diagnosed.
+    trial without and with the extended model, which is model.yaml unless it is withdrawn. `keep`
+    gets the answer of each diagnosis. Raises the errors of `run`, and RecordingError where the
+    first recording cannot be diagnosed.
     """
     run([], out / "first")
-    found = _diagnose(trial, base, out / "first", out / "diagnosis", library)
+    found = _found_in(trial, base, out / "first", library)
+    keep(_entries(trial, found))
+    found = _written(trial, found, out / "first", out / "diagnosis")
     if found.answer["verdict"] == "class":
         found = _decide(trial, base, run, found, library, out)
-    answer = {
-        "trial": trial.name,
-        "base": found.answer["base"],
-        "verdict": found.answer["verdict"],
-        "effects": found.answer["effects"],
-        "class": found.answer["class"],
-        "family": found.answer["family"],
-        **{key: found.answer[key] for key in ("probability", "nearest", "dependence", "draft")},
-        "fitted_on": found.fitted_on,
-        "surface_shift": found.surface_shift,
-        "experiment": found.experiment,
-        "extended_model": None,
-        "withdrawn": None,
-        "fresh": None,
-    }
+    answer = _entries(trial, found)
+    keep(answer)
     chosen, draft = found.answer, None
     if not chosen["effects"] and (draft := found.draft) is not None:
         chosen = {**chosen, "effects": [draft.effect], "base": draft.base}
@@ -121,6 +116,17 @@ def close_loop(
     if not chosen["effects"]:
         return answer | {"reason": ANSWERS.get(chosen["verdict"], "no effect was named")}
     return answer | _on_fresh_trial(trial, base, run, out, found, chosen, library, draft)
+
+
+def _entries(trial: TrialConfig, found: EffectsFound) -> dict[str, Any]:
+    """Return the entries of the answer that a diagnosis alone gives."""
+    return {
+        "trial": trial.name,
+        **{key: found.answer[key] for key in KEPT},
+        "fitted_on": found.fitted_on,
+        "surface_shift": found.surface_shift,
+        "experiment": found.experiment,
+    } | NOT_YET
 
 
 def _on_fresh_trial(
@@ -169,16 +175,22 @@ def in_free_run(folder: Path, found: EffectsFound, draft: Drafted | None) -> dic
     return predicted.shown_errors
 
 
-def _diagnose(
-    trial: TrialConfig, base: str, folder: Path, out: Path, library: tuple[Effect, ...]
+def _found_in(
+    trial: TrialConfig, base: str, folder: Path, library: tuple[Effect, ...]
 ) -> EffectsFound:
     recording = load_any(folder / RECORDING, _OWN)
     found = diagnose(recording, base, effects=library, reach=_reach(trial, recording.surface))
-    own = Path(trial.effects_file) if trial.effects_file else None
-    draft = write_draft(found, recording, out, own=own)
-    write_diagnosis(found, recording, folder / RECORDING, out)
     shift = _surface_shift(found.answer, recording.surface)
-    return EffectsFound(folder.name, Diagnosed(recording, found), found.answer, shift, draft=draft)
+    return EffectsFound(folder.name, Diagnosed(recording, found), found.answer, shift)
+
+
+def _written(trial: TrialConfig, found: EffectsFound, folder: Path, out: Path) -> EffectsFound:
+    """Write the files of a diagnosis, and return it with the law that was drafted."""
+    diagnosis, recording = found.diagnosed.diagnosis, found.diagnosed.recording
+    own = Path(trial.effects_file) if trial.effects_file else None
+    draft = write_draft(diagnosis, recording, out, own=own)
+    write_diagnosis(diagnosis, recording, folder / RECORDING, out)
+    return replace(found, draft=draft)
 
 
 def _surface_shift(answer: Mapping[str, Any], online: float | None) -> dict[str, Any] | None:
@@ -219,7 +231,8 @@ def _decide(
     operator = yaml.safe_dump(motion["operator"], default_flow_style=True, width=10_000).strip()
     changes = [f"operator={operator}", f"duration_s={motion['duration_s']}"]
     run(changes, out / "experiment")
-    second = _diagnose(trial, base, out / "experiment", out / "experiment-diagnosis", library)
+    second = _found_in(trial, base, out / "experiment", library)
+    second = _written(trial, second, out / "experiment", out / "experiment-diagnosis")
     summary = {"profile": proposed["profile"], "left_open": first.answer["class"],
                "verdict": second.answer["verdict"], "class": second.answer["class"]}  # fmt: skip
     both = [names for names in second.diagnosed.sets if names in first.diagnosed.sets]

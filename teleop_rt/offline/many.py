@@ -23,7 +23,7 @@ from teleop_rt.errors import BAD_INPUT, FAULT, ExpectedError
 from teleop_rt.interrupts import INTERRUPTED
 from teleop_rt.offline.find import digest_of, find, names_one, own_names
 from teleop_rt.offline.work import UnwrittenError
-from teleop_rt.outputs import refuse_filled, refuse_unwritable
+from teleop_rt.outputs import refuse_filled, refuse_unwritable, write_whole
 from teleop_rt.view.console import output
 
 ANSWERS = "answers.jsonl"
@@ -197,7 +197,7 @@ def _is_answered(answer: Mapping[str, Any]) -> bool:
 def _write_answers(path: Path, answers: Sequence[Mapping[str, Any]]) -> None:
     """Write all answers in the order of the recordings: the very lines of `--json`."""
     lines = (json.dumps(answer) + "\n" for answer in answers)
-    path.write_text("".join(lines), encoding="utf-8")
+    write_whole(path, "".join(lines))
 
 
 def _report_bad(bad: Sequence[str], count: int) -> None:

@@ -199,4 +199,8 @@ def write_trace(path: Path, trace: Trace) -> None:
         for name in trace.names(index):
             key = f"{row.model}/{row.regression}/{row.solver}/{name}"
             columns[key] = trace.physical(index, name)
-    np.savez_compressed(path, **columns)
+    try:
+        np.savez_compressed(path, **columns)
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise

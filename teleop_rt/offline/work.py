@@ -93,7 +93,12 @@ class Replaying:
         traces = self.trace is not None
         answer, over_time = replay(path, self.choice, self.table, self.effects, traces=traces)
         if self.trace is not None:
-            write_trace(self._trace(name), over_time)
+            trace = self._trace(name)
+            try:
+                write_trace(trace, over_time)
+            except OSError as error:
+                problem = str(unwritable(trace, error, "name another file with --trace"))
+                raise UnwrittenError(problem, answer) from None
         return answer
 
     def written(self, name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,22 @@ from teleop_rt.extras import install_command
 from teleop_rt.recordings.excerpt import most_active
 from teleop_rt.recordings.recording import Recording
 
+Keep = Callable[[dict[str, Any]], None]
+"""Gets an answer as far as it is known, so that a full disk does not lose it."""
+KEPT = (
+    *("base", "verdict", "effects", "class", "family"),
+    *("probability", "nearest", "dependence", "draft"),
+)
+"""Keys of a diagnosis' answer that the answer of a closed loop has, too."""
+NOT_YET = {"extended_model": None, "withdrawn": None, "fresh": None}
+"""Entries of the answer of a closed loop that a diagnosis alone does not give."""
 _LEAD_IN_S = 1.0
 """Rest before a proposed motion: the axis goes to its first position in it."""
 _MOTION, _EXPERIMENT = "motion.csv", "experiment.yaml"
+
+
+def ignore(_answer: dict[str, Any]) -> None:
+    """Keep nothing of an answer so far."""
 
 
 def write_diagnosis(found: Diagnosis, recording: Recording, path: Path, folder: Path) -> None:

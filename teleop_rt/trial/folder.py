@@ -18,7 +18,7 @@ import yaml
 from teleop_rt.config.loader import dump
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.errors import BAD_INPUT, RecordingError
-from teleop_rt.outputs import refuse_filled, unwritable
+from teleop_rt.outputs import refuse_filled, unwritable, write_whole
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.reading import read_topics
 
@@ -156,13 +156,7 @@ def write_trial(folder: Path, trial: TrialConfig) -> Path:
 
 def write_json(path: Path, content: Any) -> None:
     """Write JSON with null in place of NaN: whole, or, on a full disk, not at all."""
-    unfinished = path.with_name(f"{path.name}.part")
-    try:
-        unfinished.write_text(json.dumps(plain_json(content), indent=2) + "\n", encoding="utf-8")
-        unfinished.rename(path)
-    except OSError:
-        unfinished.unlink(missing_ok=True)
-        raise
+    write_whole(path, json.dumps(plain_json(content), indent=2) + "\n")
 
 
 def plain_json(content: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 from teleop_rt import __version__
 from teleop_rt.errors import RecordingError
-from teleop_rt.outputs import refuse_existing, refuse_filled
+from teleop_rt.outputs import DISK_FULL, naming, refuse_existing, refuse_filled, whole_or_nothing
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.export import write_figures
@@ -46,7 +46,7 @@ def report_of_folder(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Path:
 def figures_of_folder(folder: Path, out: Path, rebuild: Rebuild, felt_of: FeltOf) -> list[Path]:
     """Write every figure of a run as SVG, PDF and CSV into `out`. Raises RecordingError."""
     refuse_filled(out, "name another folder with --figures")
-    with _readable(folder):
+    with _readable(folder), whole_or_nothing(out), naming(out):
         return write_figures(content(_open_run(folder, rebuild, felt_of))["charts"], out)
 
 
@@ -82,10 +82,15 @@ def _open_run(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Run:
 
 @contextmanager
 def _readable(folder: Path) -> Iterator[None]:
-    """Raise RecordingError for a folder of another version, or a page that cannot be written."""
+    """Raise RecordingError for a folder of another version, or a page that cannot be written.
+
+    OSError of a full disk, which names the page, is raised as it is: it is a fault.
+    """
     try:
         yield
     except OSError as error:
+        if error.errno in DISK_FULL:
+            raise
         raise RecordingError(
             f"{error.filename}: cannot be written: {error.strerror}"
             ": let this user write there, or copy the folder"

@@ -12,6 +12,7 @@ import numpy as np
 from teleop_rt.diagnosis.answers.residuals import Residuals
 from teleop_rt.errors import RecordingError
 from teleop_rt.metrics import in_percent
+from teleop_rt.outputs import write_whole
 from teleop_rt.trial.folder import RECORDING
 from teleop_rt.trial.grades import Grade, of_error
 from teleop_rt.trial.summary_file import read_summary
@@ -74,7 +75,7 @@ def write_loop_page(
         **figures_of(charts),
     )
     path = folder / PAGE
-    path.write_text(page, encoding="utf-8")
+    write_whole(path, page)
     return path
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.outputs import write_whole
 from teleop_rt.view import figures
 from teleop_rt.view.compare import compared, different_keys, letters, overlaid
 from teleop_rt.view.delay import one_way_delays
@@ -27,7 +28,7 @@ def write_report(run: Run) -> Path:
     path = run.folder / REPORT
     found = content(run)
     page = render("report.html.j2", run=found, **figures_of(found["charts"]))
-    path.write_text(page, encoding="utf-8")
+    write_whole(path, page)
     return path
 
 
@@ -45,7 +46,7 @@ def write_comparison(path: Path, runs: Sequence[Run]) -> Path:
         keys=different_keys(runs),
         **figures_of(overlaid(runs)),
     )
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, text)
     return path
 
 

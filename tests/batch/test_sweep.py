@@ -1,10 +1,12 @@
 """The sweep runner: resuming, seeds, folders, Dask."""
 
+import errno
 import json
+import os
 
 import pytest
 
-from teleop_rt.batch.sweep import CASES, finished, open_folder, sweep
+from teleop_rt.batch.sweep import CASES, finished, in_order, open_folder, sweep
 from teleop_rt.batch.workers import ClusterError, Workers
 from teleop_rt.outputs import OutputError
 from teleop_rt.study import excitation
@@ -53,6 +55,17 @@ def test_a_line_cut_off_is_done_again_and_spoils_no_other(tmp_path):
     assert [r["square"] for r in sweep(tmp_path, again, cases(1, 2, 3), ONE, quiet)] == [1, 4, 9]
     assert again.asked == [2, 3]
     assert len(finished(path)) == 3
+
+
+def test_a_full_disk_loses_no_result_that_is_there(tmp_path, monkeypatch):
+    def no_room(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("teleop_rt.batch.sweep._append", no_room)
+    results = in_order(tmp_path / CASES, Counted(), cases(3, 4), ONE, quiet)
+    assert next(results) == {"square": 9}
+    with pytest.raises(OSError, match=f"No space left on device: '{tmp_path / CASES}'"):
+        next(results)
 
 
 def test_another_seed_is_another_case_and_seeds_are_recorded(tmp_path):

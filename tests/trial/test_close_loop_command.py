@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
+import os
 import re
+import shutil
 import sys
 from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
+import typer
 import yaml
 
 from teleop_rt.cli import main
 from teleop_rt.contact.effects.user import load_file
 from teleop_rt.diagnosis.diagnose import diagnose
-from teleop_rt.offline import closing_command
+from teleop_rt.offline import closing_command, closing_files
 from teleop_rt.offline.closing_files import Files, close_over
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.table import Table
@@ -107,6 +111,50 @@ def test_the_first_line_of_a_closed_loop_says_that_its_model_is_withdrawn(
     )
     assert text.splitlines()[0].endswith(f": {found['verdict']}, model withdrawn")
     assert "in the withdrawn model nonlinear_stiffening is rendered to the operator: " in text
+
+
+def no_room(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.usefixtures("no_pages")
+@pytest.mark.parametrize("full_at", ["write_diagnosis", "write_json"])
+def test_a_full_disk_loses_no_answer_of_a_closed_loop(closed, call, tmp_path, monkeypatch, full_at):
+    first, other = (closed[0].parent / name for name in ("first.csv", "other.csv"))
+    out = tmp_path / "loop"
+    place = closing_files if full_at == "write_diagnosis" else closing_command
+    monkeypatch.setattr(place, full_at, no_room)
+    words = ("close-loop", "--recording", first, "--test", other, "--out", out)
+    code, text, err = call(*words)
+    assert code == 1
+    assert "nonlinear_stiffening (environment): " in text
+    assert re.search(r"predicted in free run: NRMSE before [\d.]+, after [\d.]+", text)
+    assert "files in" not in text
+    cause = f"{out}: cannot be written: No space left on device: make room, or name another folder"
+    assert err.splitlines()[-1].startswith(cause)
+    if full_at == "write_json":
+        shutil.rmtree(out)
+    code, text, _ = call(*words, "--json")
+    answer = json.loads(text)
+    assert (code, answer["fresh"]) == (1, closed[1]["fresh"])
+    assert answer["problem"].startswith(cause)
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), typer.Exit(1)])
+def test_the_diagnosis_of_a_trial_outlives_a_fresh_run_that_fails(
+    closed, call, tmp_path, monkeypatch, error
+):
+    found = {key: part for key, part in closed[1].items() if key not in OF_THE_COMMAND}
+
+    def close_loop(_trial, _base, _run, _library, _out, keep):
+        keep(found | {"fresh": None})
+        raise error
+
+    monkeypatch.setattr(closing_command, "close_loop", close_loop)
+    code, text, err = call("close-loop", FOAM, "--clock", "simulated", "--out", tmp_path / "loop")
+    assert code == 1
+    assert "nonlinear_stiffening (environment): " in text
+    assert ("No space left" in err) == isinstance(error, OSError)
 
 
 def rubbed(path, hertz, seed=1):

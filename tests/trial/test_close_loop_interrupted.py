@@ -98,7 +98,7 @@ def test_an_interrupt_that_compiled_code_loses_ends_close_loop_before_the_next_t
 ):
     runs = []
 
-    def close_loop(_trial, _base, run, _library, out):
+    def close_loop(_trial, _base, run, _library, out, _keep):
         run([], out / "first")
         with suppress(KeyboardInterrupt):  # as a call from the compiler into Python does
             signal.raise_signal(signal.SIGINT)

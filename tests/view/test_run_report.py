@@ -307,6 +307,34 @@ def test_what_cannot_be_reported_is_refused_with_its_place(stopped, call, tmp_pa
 
 
 @pytest.mark.usefixtures("no_charts")
+@pytest.mark.parametrize("what", ["page", "comparison", "figures"])
+def test_on_a_full_disk_a_report_names_its_page_and_leaves_no_part_of_it(
+    stopped, call, tmp_path, monkeypatch, files_end_at, what
+):
+    def figures_on_a_full_disk(_charts, out):
+        out.mkdir()
+        (out / "force.svg").write_text("x" * 3000)
+
+    monkeypatch.setattr("teleop_rt.view.commands.write_figures", figures_on_a_full_disk)
+    if what == "figures":
+        monkeypatch.setattr("teleop_rt.view.commands.write_report", lambda _run: None)
+    folder = tmp_path / "full"
+    shutil.copytree(stopped, folder)
+    (folder / "report.html").unlink()
+    before = sorted(tmp_path.glob("**/*"))
+    words, written = {
+        "page": ([folder], folder / "report.html"),
+        "comparison": (["--compare", folder, stopped, "--out", "c.html"], "c.html"),
+        "figures": ([folder, "--figures", "drawn"], "drawn"),
+    }[what]
+    files_end_at(2000)
+    code, _, err = call("report", *words)
+    assert code == 1
+    assert err.startswith(f"{written}: cannot be written: File too large: make room")
+    assert sorted(tmp_path.glob("**/*")) == before
+
+
+@pytest.mark.usefixtures("no_charts")
 def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
     reported = {"dropped": {"/slave": 12}, "alarm": "the disk refuses the recording", "restarts": 1}
     summary = json.loads((good / "summary.json").read_text())
