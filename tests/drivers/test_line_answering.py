@@ -6,9 +6,11 @@ import os
 import select
 import socket
 import struct
+import sys
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from framed_bench import FramedBench, load
 from rig_bench import MS, plant_config
@@ -16,6 +18,7 @@ from test_answering import FAR_NS, PROCESS_DATA, ask
 
 from teleop_rt_drivers.framed.stream import DescriptorStream
 from teleop_rt_drivers.opening import open_rig_on
+from teleop_rt_drivers.simulated import senses
 from teleop_rt_drivers.simulated.frame_devices import crc16_x25
 from teleop_rt_drivers.simulated.line_answer import is_late
 from teleop_rt_drivers.simulated.line_frames import DRIVE, EDGES, WRENCH, WrittenFrame
@@ -268,6 +271,35 @@ def test_a_sensor_s_line_is_served_by_the_kernel_that_answers_a_bus(world, monke
     frames = heard(one, "wrench", 37)
     assert len(frames) >= 5
     assert all(sealed(frame[:-2]) == frame for frame in frames)
+
+
+def test_rows_of_true_motion_are_noted_once_for_each_instant_in_few_calls(world):
+    rig = world("serial").rig
+    rows = np.zeros((4, len(rig.truth_row)))
+    rows[:, 0] = 5, 5, 6, 7
+    noted: list[list[float]] = []
+    rig.on_truths = lambda rows: noted.extend(rows[:, 0].tolist())
+    rig.note_rows(rows)
+    rig.note_rows(rows[-1:])
+    rig.note_rows(rows[:0])
+    assert noted == [5, 6, 7]
+    assert rig.truth_row[0] == 7
+    calls: list[str] = []
+    rows[:, 0] = 8, 9, 10, 11
+    sys.setprofile(lambda frame, event, _: calls.append(frame.f_code.co_name * (event == "call")))
+    try:
+        rig.note_rows(rows)
+    finally:
+        sys.setprofile(None)
+    assert noted[3:] == [8, 9, 10, 11]
+    # The method, numpy's sum of truth values, and the function above.
+    assert len([name for name in calls if name]) <= 3, calls
+
+
+def test_a_kernel_s_turn_ends_by_its_time_at_1_khz_before_it_runs_out_of_numbers_or_rows():
+    assert senses.LONGEST_ANSWERING_NS == 100 * MS
+    assert senses.DRAWS * MS > senses.LONGEST_ANSWERING_NS
+    assert senses.MOST_ROWS * MS / 2 > senses.LONGEST_ANSWERING_NS
 
 
 def test_devices_on_a_clock_of_a_test_answer_themselves():

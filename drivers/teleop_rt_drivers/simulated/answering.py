@@ -69,7 +69,8 @@ class Answering:
         self._beat = np.zeros(3, np.int64)
         self._cycle.beating = self._beat.ctypes.data
         self._beats = np.zeros(len(nodes), BEAT)
-        self._heard = cycle["heard_ns"]
+        self._heard, self._unsent = cycle["heard_ns"], cycle["unsent"]
+        self._samples = 0
         self._true = TrueRows(np.zeros((MOST_ROWS, len(TRUTH))), np.zeros(1, np.int64))
         self._lines: Lines | None = None
         self._timers: tuple[int, ...] = ()
@@ -108,7 +109,7 @@ class Answering:
         It ends before its time where Python has something to do. Return the frames that are left,
         None where none was received.
         """
-        if self._cycle.samples:
+        if self._samples:
             self._plant.draw(DRAWS)
         happened = self._take(self._place, until_ns)
         while True:
@@ -125,7 +126,7 @@ class Answering:
             if not happened & kernels.MORE:
                 return ()
             if happened & kernels.DRY:
-                self._plant.draw(self._cycle.samples)
+                self._plant.draw(self._samples)
             happened = self._go_on()
 
     @property
@@ -143,9 +144,9 @@ class Answering:
             for node in self._nodes:
                 node.receive_heartbeat(self._heartbeat_of, heard_ns)
             self._heard[0] = 0
-        if unsent := self._cycle.unsent:
+        if unsent := self._unsent.item(0):
             self._bus.lost += unsent
-            self._cycle.unsent = 0
+            self._unsent[0] = 0
 
     def hand_back(self) -> None:
         """Pass the events since the last call on to the devices."""
@@ -219,7 +220,8 @@ class Answering:
             for at, mask, kind in found:
                 measured[place] = frame, at, mask, *kind
                 place += 1
-        self._cycle.samples = int(np.count_nonzero(measured["kind"] == kernels.FORCES))
+        self._samples = int(np.count_nonzero(measured["kind"] == kernels.FORCES))
+        self._cycle.samples = self._samples
         self._packet = np.array(
             [(head_of(pdo.cob_id, pdo.struct.size), 0, 0) for pdo, _, _ in rows], np.int64
         ).reshape(-1, 3)

@@ -46,7 +46,7 @@ class LineAnswering:
         drive = np.zeros(1, LINES_DRIVE)
         self._fields = cast("DriveFields", drive[0])
         sensors = np.zeros(len(self._sensors), SENSOR)
-        self._due_ns = sensors["due_ns"]
+        self._due_ns, self._lost = sensors["due_ns"], drive["lost"]
         self.lines = Lines(
             sensors=sensors,
             drive=drive,
@@ -138,7 +138,8 @@ class LineAnswering:
             sensor.next_ns = self._due_ns.item(row)
         if self.drive is not None:
             self.drive.servo.resume(self._fields.heard_ns)
-        lost, self._fields.lost = self._fields.lost, 0
+        lost: int = self._lost.item(0)
+        self._lost[0] = 0
         return lost
 
     def answer_until(self, until_ns: int, descriptors: list[int]) -> bytes:

@@ -209,7 +209,10 @@ class SimulatedRig:
     def note_rows(self, rows: Matrix) -> None:
         """Note rows (n, columns of `teleop_rt.signals.TRUTH`), once for each instant."""
         stamps = rows[:, 0]
-        new = rows[np.diff(stamps, prepend=self._noted_ns) != 0.0]
+        differ = np.empty(len(rows), np.bool_)
+        differ[:1] = stamps[:1] != self._noted_ns
+        np.not_equal(stamps[1:], stamps[:-1], out=differ[1:])
+        new = rows if differ.all() else rows[differ]
         if len(new) > 0:
             self.truth_row = new[-1].tolist()
             self._noted_ns = self.truth_row[0]

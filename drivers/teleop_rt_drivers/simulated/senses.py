@@ -36,14 +36,14 @@ NUMBERS = DRAWN + 1
 LAG_MS, JITTER_US, OFFSET, DRIFT, NOISE, HUNG = range(6)
 """Constants of a force sensor; HUNG is the force of a weight that hangs at it."""
 SENSOR_CONSTANTS = HUNG + 1
-DRAWS = 64
+DRAWS = 128
 """Pairs of random numbers that are drawn at once: a sample takes one, for jitter and noise."""
 REPORTED_NS = 1_000_000
 """Over so long an industrial drive averages the torque that it reports."""
-LONGEST_ANSWERING_NS = 50_000_000
-"""So long at most a kernel answers before a signal and the true motion are looked at: Python
-takes as long as several answers each time, and a live page gets the motion 20 times a second."""
-MOST_ROWS = 128
+LONGEST_ANSWERING_NS = 100_000_000
+"""So long at most a kernel answers before Python looks whether it is to end, and the true motion
+goes into its ring: Python takes as long as several answers each time."""
+MOST_ROWS = 256
 """Rows of true motion that are kept: those of LONGEST_ANSWERING_NS at 2 kHz, and more."""
 IMPULSES = 256
 """Times kept of the drive's impulse: more than 20 ms of the smallest steps of a bus."""
