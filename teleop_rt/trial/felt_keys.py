@@ -28,11 +28,11 @@ class WorstFelt(Keys):
     phantom_force: float | None
     """Largest force where the true environment answers the same motion with none [N or Nm]."""
     phantom_s: float | None
-    """Time of it, from the master's first tick [s]."""
+    """Time of it, from the slave's first tick [s]."""
     force_error: float | None
     """Largest error of the force, against one that the slave has met [N or Nm]."""
     force_error_s: float | None
-    """Time of it, from the master's first tick [s]."""
+    """Time of it, from the slave's first tick [s]."""
     force_range: float | None
     """Range of the true force that the slave has met, by which both are graded [N or Nm]."""
 
@@ -47,7 +47,7 @@ class Unfelt(Keys):
     share: float
     """The felt force in the slave's scale, over the one that the tool pressed with."""
     at_s: float
-    """Time of it, from the master's first tick [s]."""
+    """Time of it, from the slave's first tick [s]."""
     tracking_hz: float
     """The trial's `contact.surface_tracking_hz` [Hz]."""
     cause: Literal["bound", "model", "other"] | None

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.estimation import watch
+from teleop_rt.link.endpoint_state import NOTHING_AFTER_NS
+from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
 from teleop_rt.metrics import error_of_size, lag_s
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
@@ -93,8 +95,8 @@ def summarise(
         "estimators": replayed.estimators,
         "selected": replayed.selected,
         "adequacy": adequacy,
-        "link": outcome["link"],
-        "master": judge_felt_force(trial, master, truth, environment_force)
+        "link": judged_link(outcome["link"], timing["duration_s"]),
+        "master": judge_felt_force(trial, slave, master, truth, environment_force)
         | {"unfelt": most_unfelt(trial, slave, master)}
         | {"rendering": outcome["rendering"], "late": outcome.get("master_late")}
         | {"true_port": _true_port(trial, master, topics.get(_HANDLE), truth, environment_force)},
@@ -202,8 +204,22 @@ def _contact(
     return contact
 
 
+def judged_link(link: Mapping[str, Any], ran_s: float) -> dict[str, Any]:
+    """Return the counts of the link without a trouble that a run was too short to have.
+
+    In a run that ended before either side misses the other, nothing had to have arrived.
+    """
+    judged = dict(link)
+    if ran_s * 1e9 < NOTHING_AFTER_NS and link.get("trouble") == TROUBLES[NOTHING_TROUBLE][1]:
+        judged["trouble"] = None
+    if isinstance(link.get("master"), Mapping):
+        judged["master"] = judged_link(link["master"], ran_s)
+    return judged
+
+
 def judge_felt_force(
     trial: TrialConfig,
+    slave: Mapping[str, Array],
     master: Mapping[str, Array],
     truth: Mapping[str, Any] | None,
     environment_force: EnvironmentForce | None,
@@ -225,7 +241,8 @@ def judge_felt_force(
         result["reason"] = "the run ended before contact had converged"
         return result
     felt = felt_force(trial, master, truth, environment_force)
-    result["worst"] = worst_felt(felt, since_touch(trial, master))
+    began_ns = float((slave or master)["stamp_ns"][0])
+    result["worst"] = worst_felt(felt, since_touch(trial, master), began_ns)
     if np.count_nonzero(felt.converged) < 2:
         result["reason"] = "the run ended before contact had converged"
         return result

@@ -30,12 +30,13 @@ def since_touch(trial: TrialConfig, master: Columns) -> NDArray[np.bool_]:
     return kept
 
 
-def worst_felt(felt: Felt, counts: NDArray[np.bool_]) -> dict[str, float | None]:
+def worst_felt(felt: Felt, counts: NDArray[np.bool_], began_ns: float) -> dict[str, float | None]:
     """Return the worst of a felt force in the rows (n,) that count, and the true force's range.
 
     In the environment's scale. A phantom is a force felt where the true environment answers the
     same motion with none. A hand that feels a softer wall goes where the tool never was: the force
     there is one that nothing met, so `true` counts up to the largest that the slave reported.
+    `began_ns` is the stamp from which times count: the master may begin seconds before the run.
     """
     met = felt.reflected[np.isfinite(felt.reflected)]
     answer = np.clip(felt.true, min(met.min(), 0.0), max(met.max(), 0.0)) if met.size else felt.true
@@ -44,9 +45,9 @@ def worst_felt(felt: Felt, counts: NDArray[np.bool_]) -> dict[str, float | None]
     true = answer[counts & np.isfinite(answer)]
     return {
         "phantom_force": _largest(phantom),
-        "phantom_s": _when(phantom, felt.stamp_ns),
+        "phantom_s": _when(phantom, felt.stamp_ns, began_ns),
         "force_error": _largest(error),
-        "force_error_s": _when(error, felt.stamp_ns),
+        "force_error_s": _when(error, felt.stamp_ns, began_ns),
         "force_range": float(np.ptp(true)) if true.size else None,
     }
 
@@ -69,7 +70,7 @@ def worst_surface(
     deepest = _largest(slave["position"] - true)
     return {
         "surface_error": _largest(error),
-        "surface_error_s": _when(error, slave["stamp_ns"]),
+        "surface_error_s": _when(error, slave["stamp_ns"], slave["stamp_ns"][0]),
         "deepest": None if deepest is None or deepest <= 0.0 else deepest,
     }
 
@@ -78,9 +79,8 @@ def _largest(values: Array) -> float | None:
     return float(np.nanmax(values)) if np.isfinite(values).any() else None
 
 
-def _when(values: Array, stamps_ns: Array) -> float | None:
-    """Return the time [s] of the largest value after the first stamp."""
+def _when(values: Array, stamps_ns: Array, began_ns: float) -> float | None:
+    """Return the time [s] of the largest value after the stamp of the beginning."""
     if not np.isfinite(values).any():
         return None
-    began = stamps_ns[np.flatnonzero(np.isfinite(stamps_ns))[0]]
-    return float(stamps_ns[int(np.nanargmax(values))] - began) * 1e-9
+    return float(stamps_ns[int(np.nanargmax(values))] - began_ns) * 1e-9

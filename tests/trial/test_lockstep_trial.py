@@ -206,7 +206,7 @@ def test_a_rendering_that_is_delayed_by_20_ticks_reads_20_ms(tmp_path, default_r
     master = dict(topics["/master"])
     master["rendered_force"] = np.roll(master["rendered_force"], 20)
     truth = json.loads((source / "truth.json").read_text())
-    felt = summary_module.judge_felt_force(silicone(), master, truth, environment_force)
+    felt = summary_module.judge_felt_force(silicone(), {}, master, truth, environment_force)
     assert felt["lag_ms"] == pytest.approx(20.0, abs=0.1)
 
 
@@ -227,7 +227,7 @@ def test_a_force_that_hardly_moves_has_no_lag():
     force = lambda _, x, v, dt: 3600.0 * (x - 0.0137)  # noqa: E731 - one use
     moved = force(truth, hand, None, None)
     master |= {"rendered_force": np.roll(moved, 344), "reflected_force": np.roll(moved, 150)}
-    felt = summary_module.judge_felt_force(trial, master, truth, force)
+    felt = summary_module.judge_felt_force(trial, {}, master, truth, force)
     assert (felt["lag_ms"], felt["direct_reflection_lag_ms"]) == (None, None)
     assert felt["reason"] == (
         "the true force moved by less than contact.onset_force 0.4: it shows no lag"
@@ -236,7 +236,7 @@ def test_a_force_that_hardly_moves_has_no_lag():
     hand[:] = 0.0237 + 20 * (hand - 0.0237)
     moved = force(truth, hand, None, None)
     master |= {"rendered_force": np.roll(moved, 20), "reflected_force": np.roll(moved, 150)}
-    felt = summary_module.judge_felt_force(trial, master, truth, force)
+    felt = summary_module.judge_felt_force(trial, {}, master, truth, force)
     assert felt["lag_ms"] == pytest.approx(20.0, abs=0.1)
 
 

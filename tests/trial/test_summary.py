@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from teleop_rt.config.section import Units
+from teleop_rt.link.troubles import KEY_TROUBLE, NOTHING_TROUBLE, TROUBLES
 from teleop_rt.trial import summary_notes
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.felt_force import rows_to_compare
+from teleop_rt.trial.grades import of_link
+from teleop_rt.trial.summary import judged_link
 from teleop_rt.trial.table import leash_lines, packets_in_words
 from teleop_rt_dev.trial.files import silicone
 
@@ -139,3 +142,13 @@ def test_the_leash_has_a_line_where_it_held_the_hand():
     for quiet in ({"longest_lead": 0.02}, handle | {"largest_leash_force": 0.0}, None):
         assert not list(leash_lines({"rendering": {"handle": quiet}}, units))
     assert not list(leash_lines({"rendering": None}, units))
+
+
+@pytest.mark.parametrize(("ran_s", "trouble", "grade"), [
+    (0.3, NOTHING_TROUBLE, "unknown"), (9.0, NOTHING_TROUBLE, "bad"), (0.3, KEY_TROUBLE, "bad"),
+])  # fmt: skip
+def test_a_run_that_ends_before_its_link_could_stand_has_no_trouble_with_it(ran_s, trouble, grade):
+    """Ctrl-C 0.3 s after the first tick, over a round trip of 1 s, was a red cross."""
+    counts = {"trouble": TROUBLES[trouble][1], "round_trip_ms": None, "lost": 0, "received": 0}
+    found = judged_link(counts | {"master": dict(counts)}, ran_s)
+    assert (of_link(found), of_link(found["master"])) == (grade, grade)

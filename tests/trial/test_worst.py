@@ -19,9 +19,15 @@ def felt(true, rendered):
     return Felt(STAMPS, true, np.array(rendered), true, np.zeros(8) > 0)
 
 
+def test_times_count_from_the_beginning_of_the_run_and_not_of_a_master_that_began_before():
+    one = felt([0, 0, 0, 0, 30, 60, 0, 0.0], [0, 0, 0, 4, 25, 60, 0, 0.0])
+    found = worst_felt(one, np.ones(8, dtype=bool), STAMPS[2])
+    assert (found["phantom_s"], found["force_error_s"]) == pytest.approx((0.001, 0.002))
+
+
 def test_a_wall_that_is_not_there_counts_before_contact_has_converged_too():
     one = felt([0, 0, 0, 0, 30, 60, 0, 0.0], [0, 0, 9, 4, 25, 60, 0, 0.0])
-    found = worst_felt(one, np.ones(8, dtype=bool))
+    found = worst_felt(one, np.ones(8, dtype=bool), STAMPS[0])
     assert found["phantom_force"] == 9.0
     assert found["phantom_s"] == pytest.approx(0.002)
     assert found["force_error"] == 9.0
@@ -45,7 +51,7 @@ def test_a_phantom_of_no_force_has_no_time(phantom, words):
 
 def test_a_force_that_is_too_large_inside_the_true_wall_is_no_phantom():
     one = felt([0, 0, 0, 0, 30, 60, 0, 0.0], [0, 0, 0, 0, 45, 60, 0, 0.0])
-    found = worst_felt(one, np.ones(8, dtype=bool))
+    found = worst_felt(one, np.ones(8, dtype=bool), STAMPS[0])
     assert (found["phantom_force"], found["force_error"]) == (0.0, 15.0)
     assert found["force_error_s"] == pytest.approx(0.004)
 
@@ -55,7 +61,7 @@ def test_a_force_is_missed_by_no_more_than_the_tool_has_met():
     true, reflected = np.array([0, 0, 0, 40, 376, 376, 0, 0.0]), np.full(8, np.nan)
     reflected[2:] = [0, 0, 40, 72, 0, -0.2]
     soft = Felt(STAMPS, true, np.minimum(true, 14.5), reflected, true > 0)
-    found = worst_felt(soft, np.ones(8, dtype=bool))
+    found = worst_felt(soft, np.ones(8, dtype=bool), STAMPS[0])
     assert found["force_error"] == pytest.approx(72 - 14.5)
     assert found["force_range"] == 72.0
 
@@ -67,13 +73,13 @@ def test_what_comes_before_the_first_touch_and_at_a_jump_of_place_is_not_judged(
     }
     counts = since_touch(TRIAL, master)
     assert counts.tolist() == [False, False, True, True, False, False, True, True]
-    found = worst_felt(felt(np.zeros(8), [7, 7, 0, 1, 7, 7, 0, 0.0]), counts)
+    found = worst_felt(felt(np.zeros(8), [7, 7, 0, 1, 7, 7, 0, 0.0]), counts, STAMPS[0])
     assert found["phantom_force"] == 1.0
 
 
 def test_rows_that_were_not_recorded_are_no_error_and_a_run_of_none_has_none():
     one = felt([np.nan] * 8, [7.0] * 8)
-    assert set(worst_felt(one, np.ones(8, dtype=bool)).values()) == {None}
+    assert set(worst_felt(one, np.ones(8, dtype=bool), STAMPS[0]).values()) == {None}
 
 
 def test_the_surface_is_judged_over_the_whole_run_and_not_at_its_end():
