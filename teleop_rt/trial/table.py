@@ -72,9 +72,11 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         name = ", ".join(row[key] for key in KEYS[:3])
         name += f", effects {row['effects']}" if row.get("effects") else ""
         nrmse = "not judged" if row["nrmse"] is None else _number(row["nrmse"], "", 3)
-        settled = _number(row["convergence_s"], " s", 3)
+        settled = "not settled"
+        if row["convergence_s"] is not None:
+            settled = f"settled after {_number(row['convergence_s'], ' s', 3)}"
         status = row["status"] + (SURFACE_ANEW if row["status"] == UNCERTAIN else "")
-        yield f"{mark} {name}: {status}, NRMSE {nrmse}, settled after {settled}"
+        yield f"{mark} {name}: {status}, NRMSE {nrmse}, {settled}"
         for parameter, value in row["parameters"].items():
             if value["value"] is not None:
                 yield f"      {_parameter(parameter, value)}"
@@ -100,7 +102,7 @@ def packets_in_words(link: Mapping[str, Any]) -> str:
 
 
 def _number(value: float | None, unit: str, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}g}{unit}"
+    return "not known" if value is None else f"{value:.{digits}g}{unit}"
 
 
 def model_in_words(summary: Mapping[str, Any]) -> str:
@@ -203,6 +205,19 @@ def _missed(summary: Mapping[str, Any]) -> str:
     return f"{missed} missed (good: at most {1e3 * MISSED_SHARE:g} of 1000)"
 
 
+def felt_lines(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give error and lag of the felt force, in words where they are not known."""
+    error, lag = _number(master["nrmse"], "", 3), _number(master["lag_ms"], " ms", 3)
+    direct = master["direct_reflection_lag_ms"]
+    yield "felt force: NRMSE", "not judged" if master["nrmse"] is None else error
+    if master["lag_ms"] is None and direct is None:
+        yield "felt force: lag", "not judged"
+    else:
+        lag = "not judged" if master["lag_ms"] is None else lag
+        reflected = "not judged" if direct is None else _number(direct, " ms", 4)
+        yield "felt force: lag", f"{lag}, direct reflection {reflected}"
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -217,15 +232,13 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     ran = f"{summary['duration_s']:.2f}{planned} s on the {summary['clock']} clock"
     ran += f", {summary['ticks']} ticks"
     early = ", interrupted" if summary.get("interrupted") else ""
-    direct = _number(master["direct_reflection_lag_ms"], " ms", 4)
     round_trip = _number(link["round_trip_ms"], " ms", 4)
     lines = [
         *_start_up(summary),
         ("ran", f"{ran}, {_missed(summary)}{early}"),
         *_on_time(summary),
         ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),
-        ("felt force: NRMSE", _number(master["nrmse"], "", 3)),
-        ("felt force: lag", f"{_number(master['lag_ms'], ' ms', 3)}, direct reflection {direct}"),
+        *felt_lines(master),
         *_handle(master),
         *_unfelt(master, units),
         *worst_lines(summary, units),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.trial.summary import adequacy_of
-from teleop_rt.trial.table import estimator_lines, model_in_words
+from teleop_rt.trial.table import estimator_lines, felt_lines, model_in_words
 
 ROW = {"model": "kelvin-voigt", "regression": "direct", "solver": "rls"}
 ADEQUATE = {"inadequate": False, "raised": False, "first_raised_s": None}
@@ -38,3 +38,20 @@ def test_a_model_is_adequate_only_if_it_was_in_use_long_enough(changed_at, inade
     slave |= {"inadequate": np.zeros(2000), "selected": np.arange(2000) >= changed_at}
     slave["selected"] = slave["selected"].astype(float)
     assert adequacy_of(slave, 1e-3)["inadequate"] is inadequate
+
+
+@pytest.mark.parametrize(("lag_ms", "direct_ms", "said"), [
+    (None, None, "not judged"),
+    (0.5, None, "0.5 ms, direct reflection not judged"),
+    (0.5, 150.0, "0.5 ms, direct reflection 150 ms"),
+])  # fmt: skip
+def test_a_felt_force_that_was_not_judged_has_words_and_no_dash(lag_ms, direct_ms, said):
+    master = {"nrmse": None, "lag_ms": lag_ms, "direct_reflection_lag_ms": direct_ms}
+    assert dict(felt_lines(master)) == {"felt force: NRMSE": "not judged", "felt force: lag": said}
+
+
+def test_an_estimator_that_did_not_settle_has_words_and_no_dash():
+    unsettled = summary(0.01, ADEQUATE)
+    unsettled["estimators"][0]["convergence_s"] = None
+    (line,) = estimator_lines(unsettled)
+    assert line.endswith("NRMSE 0.01, not settled")
