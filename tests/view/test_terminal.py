@@ -32,6 +32,7 @@ def test_elsewhere_than_on_a_terminal_two_plain_lines_show_state_force_model_and
     assert re.search(r"Kelvin-Voigt, k = 3[\d.]+ ± [\d.]+ N/m, b = ", line)
     assert "  1000 Hz, 0 of the last" in machine
     assert "ms one way" in machine
+    assert re.search(r"ms one way, \d+ of \d+ models arrived, jitter", machine)
     assert max(map(len, (line, machine))) < 120
     assert "\x1b" not in line + machine
 

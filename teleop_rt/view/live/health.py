@@ -128,12 +128,11 @@ def _link(slave: Columns, master: Columns) -> Lamp:
     if delays is None or delays.median_ms is None:
         return Lamp("unknown", "link", "no model has arrived yet")
     untaken = int(np.count_nonzero(~np.isfinite(delays.delay_ms)))
-    jitter = "" if delays.jitter_ms is None else f", jitter {delays.jitter_ms:.2g} ms"
+    jitter = "" if delays.jitter_ms is None else f"jitter {delays.jitter_ms:.2g} ms"
     title = f"link: {delays.median_ms:.3g} ms one way"
     sent = count_in_words(delays.sent_ns.size, "model")
-    words = ", ".join(
-        filter(None, (f"{sent}, {untaken} not taken in{jitter}", _troubles(slave, master)))
-    )
+    came = f"{delays.sent_ns.size - untaken} of {sent} arrived"
+    words = ", ".join(filter(None, (came, jitter, _troubles(slave, master))))
     link = {"received": _last(master, "packets_received"), "lost": _last(master, "packets_lost")}
     return Lamp(of_link(link | {"round_trip_ms": 2.0 * delays.median_ms}), title, words)
 
