@@ -12,11 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 from teleop_rt.axis import Axis, AxisError
 from teleop_rt.cli.leaving import leave_on_fault
 from teleop_rt.cli.wiring import load_trial_file, publish_handle, publish_truth
 from teleop_rt.config.trial import TrialConfig
-from teleop_rt.errors import ExpectedError
+from teleop_rt.errors import FAULT, ExpectedError
 from teleop_rt.interrupts import StopRequest
 from teleop_rt.link.keys import default_key, load_keys, load_own_key
 from teleop_rt.link.transport import LinkError
@@ -35,6 +37,9 @@ from teleop_rt_drivers import opening, operator_device, registry
 if TYPE_CHECKING:
     from teleop_rt_drivers.simulated.hand_plant import HandPlant
 
+_UNHEARD = (
+    "no master was heard, so the axis held its position: start the master, then the slave again"
+)
 _KEYS_OF: dict[str, Callable[[Path], object]] = {"slave": load_keys, "master": load_own_key}
 
 
@@ -54,6 +59,9 @@ def run_slave(
     with Claim() as claim:
         end = _rounds(claim, trial_file, key, overrides, out, arm=arm, as_json=as_json)
     leave_on_fault(end.outcome["safety"], "start the slave again")
+    if arm and end.outcome["link"]["received"] == 0:
+        print(_UNHEARD, file=sys.stderr)
+        raise typer.Exit(FAULT)
 
 
 def _rounds(
