@@ -200,7 +200,7 @@ def from_columns(
     if not good.all():  # else no copies
         columns |= {role: column[good] for role, column in columns.items()}
     dt = period_of(name, columns["time"], slowest_hz)
-    refuse_nothing_to_learn(name, columns["position"], columns["force"])
+    refuse_nothing_to_learn(name, columns["position"], columns["force"], units[1])
     t, dt = ticks_of(columns.pop("time"), dt, columns["position"])
     grid = SampleTimes(float(t[0]), dt, round(float(t[-1] - t[0]) / dt) + 1)
     mask = covered(grid, t)

@@ -176,11 +176,11 @@ def period_of(name: str, t: Vector, slowest_hz: float) -> float:
     return dt
 
 
-def refuse_nothing_to_learn(name: str, position: Vector, force: Vector) -> None:
-    """Raise RecordingError where nothing presses, or nothing moves."""
+def refuse_nothing_to_learn(name: str, position: Vector, force: Vector, unit: str) -> None:
+    """Raise RecordingError where nothing presses, or nothing moves; `unit` is the force's."""
     if np.ptp(force) <= LEAST:
         raise RecordingError(
-            f"{name}: the force is constant ({force[0]:.6g}): check sensor and column"
+            f"{name}: the force is constant ({force[0]:.6g} {unit}): check sensor and column"
         )
     if np.ptp(position) <= LEAST:
         raise RecordingError(

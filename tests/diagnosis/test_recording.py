@@ -169,7 +169,7 @@ def test_small_jitter_of_the_stamps_is_no_gap(pressed: dict[str, np.ndarray]) ->
     ("change", "message"),
     [
         (lambda d: {k: v[:100] for k, v in d.items()}, "too short"),
-        (lambda d: d | {"force_N": np.full(N, 1.5)}, "force is constant"),
+        (lambda d: d | {"force_N": np.full(N, 1.5)}, r"force is constant \(1.5 N\)"),
         (lambda d: d | {"position_m": np.full(N, 0.01)}, "no excitation"),
         (lambda d: d | {"t_s": np.where(np.arange(N) == 50, 0.0, d["t_s"])}, "does not increase"),
         (lambda d: d | {"force_N": np.full(N, np.nan)}, "not a number"),
