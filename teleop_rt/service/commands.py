@@ -26,7 +26,7 @@ _RESULTS = {
 }
 """Meaning of the state in which a command leaves the axis."""
 
-Told = Callable[[Mapping[str, Any]], Iterator[str]]
+Lines = Callable[[Mapping[str, Any]], Iterator[str]]
 """Status -> its lines for people."""
 
 Rig = Annotated[
@@ -85,29 +85,29 @@ def main() -> None:
         sys.exit(BAD_INPUT)
 
 
-def _send(command: str, rig: str | None, told: Told, *, as_json: bool) -> None:
-    print_answer(request(command, rig), told, as_json=as_json)
+def _send(command: str, rig: str | None, give: Lines, *, as_json: bool) -> None:
+    print_answer(request(command, rig), give, as_json=as_json)
 
 
-def print_answer(answer: Mapping[str, Any], told: Told | None = None, *, as_json: bool) -> None:
+def print_answer(answer: Mapping[str, Any], give: Lines | None = None, *, as_json: bool) -> None:
     """Print the daemon's answer: its status, or the problem, with which the command exits.
 
-    `told` gives the lines of a status; all of them by default.
+    `give` gives the lines of a status; all of them by default.
     """
     if as_json:
         print(json.dumps(answer["status"] if answer["ok"] else answer))
     elif answer["ok"]:
-        show(answer["status"], told or lines)
+        show(answer["status"], give or lines)
     if not answer["ok"]:
         if not as_json:
             print(answer["problem"], file=sys.stderr)
         raise typer.Exit(REFUSED)
 
 
-def show(status: Mapping[str, Any], told: Told) -> None:
+def show(status: Mapping[str, Any], give: Lines) -> None:
     """Print the status; that of a daemon of another version may hold less than is shown here."""
     try:
-        shown = list(told(status))
+        shown = list(give(status))
     except KeyError as error:
         raise DaemonError(
             f"the daemon is teleop-rt {status.get('version', 'of an unknown version')} and this is "
@@ -118,7 +118,7 @@ def show(status: Mapping[str, Any], told: Told) -> None:
 
 
 def result(status: Mapping[str, Any]) -> Iterator[str]:
-    """Give the state in which a command left the axis, and what is wrong, if anything is."""
+    """Give the state in which a command left the axis, and any fault and alarm."""
     yield from _unsafe_of(status)
     state = status["state"]
     meaning = f": {_RESULTS[state]}" if state in _RESULTS else ""
@@ -168,7 +168,7 @@ def _last_fault(last: Mapping[str, Any]) -> str:
 
 
 def _link(link: Mapping[str, Any]) -> Iterator[str]:
-    """Give the link: its trouble with the next step, or its quality; then what it did."""
+    """Give the link: its trouble with the next step, or its quality; then its counts."""
     silence_ms = link["silence_ms"]
     ago = "unknown" if silence_ms is None else f"{max(0.0, silence_ms):.3g} ms"
     if link["trouble"]:
