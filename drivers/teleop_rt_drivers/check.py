@@ -85,16 +85,19 @@ def check_first_touch(trial: TrialConfig) -> list[Finding]:
         return []
     limits, unit = rig.limits, rig.units
     key = f"limits.stiffness_max_{unit.force}_per_{unit.position}"
-    of_stiffness, promise = f"{unit.force}/{unit.position}", f"slave.force_cap {cap:g} is kept"
+    of_stiffness, promise = (
+        f"{unit.force}/{unit.position}",
+        f"slave.force_cap {cap:g} {unit.force} is kept",
+    )
     if limits.stiffness_max is None:
         fastest = limits.velocity_max
         most = met_within_cap(rig, cap, fastest)
         what = f"up to {most:.0f} {of_stiffness}, at up to {fastest:g} {unit.position}/s; {key} "
-        what += "would slow the tool down where nobody has been"
+        what += "would slow the tool down where it has not been before"
     else:
         fastest = min(limits.velocity_max, unknown_speed(rig, cap, limits.stiffness_max))
-        what = f"up to {limits.stiffness_max:g} {of_stiffness}: where nobody has been the tool is "
-        what += f"no faster than {fastest:.3g} {unit.position}/s"
+        what = f"up to {limits.stiffness_max:g} {of_stiffness}: the tool is no faster than "
+        what += f"{fastest:.3g} {unit.position}/s where it has not been before"
     return [Finding("ok", f"{promise} on an unknown wall of {what}", key)]
 
 
@@ -262,8 +265,9 @@ def _check_limits(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]
             findings.append(Finding("warning", what, f"{where}.encoder", step))
         if encoder.speed is not None and limits.velocity_max > SPEED_SATURATES:
             what = (
-                f"its own speed saturates at {SPEED_SATURATES:g} {unit}/s, below velocity_max;"
-                " velocity comes from position, and saturation is counted"
+                f"its own speed saturates at {SPEED_SATURATES:g} {unit}/s, below"
+                f" limits.velocity_max {limits.velocity_max:g} {unit}/s: the velocity is computed"
+                " from the position, and saturated samples are counted"
             )
             findings.append(Finding("ok", what, f"{where}.encoder.speed"))
     if part.drive is not None:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from teleop_rt.config.rig import AxisConfig, RigConfig
     from teleop_rt_drivers.bus import BusConfig
 
+NOT_OPENED = "follow this message, then run doctor again"
+"""Next step after an error of an axis that cannot be opened."""
 WARM_UP = 10
 """Cycles before the measurement, which do not count."""
 VALID_SHARE = 0.98
@@ -110,8 +112,7 @@ def examine_axis(
         if configure:
             axis.configure()
     except AxisError as error:
-        again = "follow this message, then run doctor again"
-        return [Finding("error", str(error), "devices", again)]
+        return [Finding("error", str(error), "devices", NOT_OPENED)]
     sample = Sample()
     valid = np.zeros(cycles, dtype=bool)
     stamps = np.zeros(cycles, dtype=np.int64)

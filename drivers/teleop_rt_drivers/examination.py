@@ -20,6 +20,7 @@ from teleop_rt.terminal import ElapsedLine, red
 from teleop_rt_drivers.actuators.survey import survey_lines
 from teleop_rt_drivers.bus import UNIX, open_bus
 from teleop_rt_drivers.canopen.config import CanopenPart
+from teleop_rt_drivers.canopen.survey import NO_ANSWER, SILENT_BUS
 from teleop_rt_drivers.check import (
     check_first_touch,
     check_link,
@@ -30,6 +31,7 @@ from teleop_rt_drivers.check import (
 )
 from teleop_rt_drivers.device_check import check_device
 from teleop_rt_drivers.doctor import (
+    NOT_OPENED,
     examine_axis,
     frame_names,
     survey_buses,
@@ -100,7 +102,22 @@ def _measured(rig: RigConfig, cycles: int) -> list[Finding]:
         findings += survey_buses(rig, open_bus, time.monotonic_ns)
         line.tick()
         findings += survey_lines(rig, SerialStream, time.monotonic_ns)
-    return findings + _examine_rig(rig, cycles)
+    return without_repeats(findings + _examine_rig(rig, cycles))
+
+
+def without_repeats(findings: list[Finding]) -> list[Finding]:
+    """Return the findings without the advice on an axis whose nodes were found silent before."""
+    silent = any(one.where == SILENT_BUS and one.what.endswith(NO_ANSWER) for one in findings)
+    if not silent:
+        return findings
+    what = "the axis cannot be opened without the nodes that do not answer"
+    step = "follow the error of the bus, then run doctor again"
+    return [
+        Finding("error", what, one.where, step)
+        if one.severity == "error" and one.where == "devices"
+        else one
+        for one in findings
+    ]
 
 
 def between_processes(rig: RigConfig) -> bool:
@@ -138,6 +155,8 @@ def _examine_rig(rig: RigConfig, cycles: int) -> list[Finding]:
             findings = examine_axis(axis, pace.wait, cycles, begin=begin, has_sensor=has_sensor)
     finally:
         axis.close()
+    if NOT_OPENED in findings[0].next_step:
+        return findings  # nothing was read, so that no frame can have come
     for name, bus in ends.observed.items():
         findings += bus.timing(frame_names(parts[name]), rig.period_ns * 1e-9)
     return findings

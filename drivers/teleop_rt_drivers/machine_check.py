@@ -88,7 +88,8 @@ def judged_stalls(late: Lateness, seconds: float) -> Finding:
     bounds = stalls["bounds"]
     what = (
         f"the longest stall in {seconds:g} s was {stalls['longest_stall_ms']:.1f} ms; "
-        f"realtime.late holds from {bounds['hold_ms']:g} ms on and stops from {bounds['stop_ms']:g}"
+        f"realtime.late holds from {bounds['hold_ms']:g} ms on and "
+        f"stops from {bounds['stop_ms']:g} ms on"
     )
     step = "isolate a core (isolcpus) and name it in realtime.cpu, or end other programs"
     if stalls["stop"] is not None:

@@ -84,7 +84,9 @@ def _overshoot(
     unit, limits = rig.units, rig.limits
     stiffness_key = f"limits.stiffness_max_{unit.force}_per_{unit.position}"
     held_ms, lag_ms = signal.held_ms(rig.rate_hz), max(0.0, rig.sensors.force_lag_ms)
-    what = f"a force is up to {held_ms + lag_ms:.3g} ms old (hold {held_ms:g}, lag {lag_ms:g})"
+    what = (
+        f"a force is up to {held_ms + lag_ms:.3g} ms old (hold {held_ms:g} ms, lag {lag_ms:g} ms)"
+    )
     if limits.stiffness_max is None:
         step = f"set {stiffness_key} to the stiffest thing that the tool meets"
         what += ", and how far it can rise meanwhile is not known"
@@ -96,7 +98,10 @@ def _overshoot(
         step = f"keep slave.force_cap at or below {limits.force_max - unseen:.3g} {unit.force}"
         return Finding("error" if unseen >= limits.force_max else "ok", what, where, step)
     reserve = limits.force_max - force_cap
-    what += f"; force_max {limits.force_max:g} leaves {reserve:.3g} above slave.force_cap"
+    what += (
+        f"; limits.force_max {limits.force_max:g} {unit.force} leaves {reserve:.3g} {unit.force}"
+    )
+    what += f" above slave.force_cap {force_cap:g} {unit.force}"
     if unseen > reserve:
         step = "lower limits.velocity_max or slave.force_cap, or take a faster sensor"
         return Finding("error", what, where, step)

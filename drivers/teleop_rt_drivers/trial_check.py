@@ -58,8 +58,8 @@ def _operator_speed(trial: TrialConfig) -> list[Finding]:
         Finding(
             "warning",
             f"the operator moves the tool with {trial.master.position_scale * speed:.3g} {unit}/s,"
-            f" and limits.velocity_max lets it move with {most:g}: the hand runs ahead of the"
-            " tool, and feels a wall late and hard",
+            f" and limits.velocity_max lets it move with {most:g} {unit}/s: the hand runs ahead of"
+            " the tool, and feels a wall late and hard",
             f"{key}.{name}",
             "lower it",
         )

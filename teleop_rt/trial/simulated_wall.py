@@ -30,7 +30,7 @@ def unmet(trial: TrialConfig, environment: Mapping[str, Any], start: float) -> l
     limits, units, operator = trial.rig.limits, trial.rig.units, trial.operator
     position, force = units.position, units.force
     at = f"plant.environment.surface_{position}"
-    end = f"limits.position_max {limits.position_max:g}"
+    end = f"limits.position_max {limits.position_max:g} {position}"
     if surface >= limits.position_max:
         what = f"the surface at {surface:g} {position} is beyond {end}: nothing is touched"
         return [Unmet(what, at, f"set {at} below it")]
@@ -45,9 +45,8 @@ def unmet(trial: TrialConfig, environment: Mapping[str, Any], start: float) -> l
     if most is not None and stiffness > most:
         name = f"limits.stiffness_max_{force}_per_{position}"
         what = f"the wall of {stiffness:g} {force}/{position} is above limits.stiffness_max"
-        what += (
-            f" {most:g}, to which the tool's speed is matched: a touch may exceed slave.force_cap"
-        )
+        what += f" {most:g} {force}/{position}, to which the tool's speed is matched: a touch may"
+        what += " exceed slave.force_cap"
         found.append(Unmet(what, name, "raise it to the stiffest wall that the tool can meet"))
     if not isinstance(operator, ProfileOperator):
         return found
@@ -58,7 +57,7 @@ def unmet(trial: TrialConfig, environment: Mapping[str, Any], start: float) -> l
     cap, pressed = trial.slave.force_cap, stiffness * deepest
     if pressed > cap:
         what = f"the operator's motion would press with {pressed:.4g} {force}, and the tool yields "
-        what += f"at slave.force_cap {cap:g}: less of the wall is seen"
+        what += f"at slave.force_cap {cap:g} {force}: less of the wall is seen"
         step = f"lower operator.mean and amplitude to {cap / stiffness:.2g} {position} together"
         found.append(Unmet(what, "operator", step))
     return found

@@ -262,7 +262,8 @@ def _error_and_lags(trial: TrialConfig, felt: Felt) -> dict[str, Any]:
         )
     }
     if not moves(trial, felt.true[felt.converged]):
-        still = f"contact.onset_force {trial.contact.onset_force:g}: it shows no lag"
+        onset = f"{trial.contact.onset_force:g} {trial.rig.units.force}"
+        still = f"contact.onset_force {onset}: it shows no lag"
         return result | {"reason": f"the true force moved by less than {still}"}
     reflected_s = trial.link.round_trip_ms * 1e-3 + LAG_MARGIN_S
     unknown = []

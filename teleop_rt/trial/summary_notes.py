@@ -115,7 +115,9 @@ def _over_cap(trial: TrialConfig, slave: Mapping[str, Array]) -> list[str]:
         return []
     rows = np.split(over, np.flatnonzero(np.diff(over) > 1) + 1)
     longest_ms = 1e3 * max(map(len, rows)) / trial.rig.rate_hz
-    pressed = f"the tool pressed with {force.max():.4g} {unit}, above slave.force_cap {cap:g}"
+    pressed = (
+        f"the tool pressed with {force.max():.4g} {unit}, above slave.force_cap {cap:g} {unit}"
+    )
     why = "a wall came nearer, became stiffer around the tool, or is stiffer than "
     return [f"{pressed}, for up to {longest_ms:g} ms at a time: {why}limits.stiffness_max says"]
 

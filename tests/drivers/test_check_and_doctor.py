@@ -269,7 +269,7 @@ def on_hardware(tmp_path, **link):
         (
             "operator.approach_speed_m_per_s=5",
             "operator.approach_speed_m_per_s",
-            "with 5 m/s, and limits.velocity_max lets it move with 1.5",
+            "with 5 m/s, and limits.velocity_max lets it move with 1.5 m/s: ",
         ),
         ("operator.frequency_hz=40", "operator.frequency_hz", "with 2.01 m/s"),
     ],
@@ -362,6 +362,30 @@ def test_a_simulated_rig_that_does_not_answer_is_named_as_the_first_cause():
     assert "start it first: teleop-rt sim cube.yaml" in str(first)
     assert rest == [late, absent]
     assert simulation_first([late], "") == [late], "the link alone has other causes"
+
+
+def test_no_finding_on_a_shipped_trial_gives_a_key_a_number_without_a_unit(call):
+    """Keys that end in a unit of time, and shares, carry their own."""
+    for config in ("silicone_cube", "serial_handle", "simulated_load_cell"):
+        for one in json.loads(call("check", config, "--json")[1])["findings"]:
+            said = f"{one['what']}; {one['next_step']}"
+            bare = re.findall(
+                r"(?:force_cap|force_max|velocity_max|hold|lag) [\d.]+(?! ?[a-zA-Z\d.])", said
+            )
+            assert not bare, said
+            assert "below velocity_max" not in said
+
+
+def test_nodes_that_do_not_answer_are_one_error_and_the_axis_refers_to_it(call):
+    code, out = call("doctor", TRIAL, "--cycles", 20, "--json")
+    findings = json.loads(out)["findings"]
+    assert code == 1
+    wrong = [one for one in findings if one["severity"] == "error"]
+    assert [one["where"] for one in wrong] == ["bus", "devices"]
+    assert wrong[0]["what"] == (
+        "node 0x10 (encoder), node 0x20 (force sensor) and node 0x30 (drive) do not answer"
+    )
+    assert [one["next_step"].count("termination") for one in wrong] == [1, 0]
 
 
 def test_a_rig_on_a_bus_between_processes_is_a_simulated_one(tmp_path):

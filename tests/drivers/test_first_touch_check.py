@@ -7,8 +7,8 @@ import pytest
 from teleop_rt_dev.trial.files import silicone
 from teleop_rt_drivers.check import check_first_touch
 
-CAP = "slave.force_cap 90 is kept on an unknown wall of up to "
-SPEED = re.compile(r"([\d.]+) N/m: where nobody has been the tool is no faster than ([\d.]+) m/s")
+CAP = "slave.force_cap 90 N is kept on an unknown wall of up to "
+SPEED = re.compile(r"([\d.]+) N/m: the tool is no faster than ([\d.]+) m/s where it has not been")
 STIFFNESS = re.compile(r"(\d+) N/m, at up to ([\d.]+) m/s; limits.stiffness_max_N_per_m would")
 
 

@@ -35,7 +35,7 @@ def test_a_stall_is_judged_by_the_rigs_bounds_and_reported_with_them(bounds, sta
     found = judged_stalls(late, 2.0)
     assert found.severity == severity
     assert f"{stall_ms:.1f} ms" in found.what
-    assert f"stops from {bounds.stop_ms:g}" in found.what
+    assert f"stops from {bounds.stop_ms:g} ms on" in found.what
     assert bool(found.next_step) == (severity != "ok")
 
 

@@ -82,7 +82,7 @@ def test_cables_that_are_plugged_in_again_are_found_by_a_reset_and_enable_nothin
 
 def test_a_missing_port_is_named_with_the_next_step(rig):
     axis = open_axis(rig, time.monotonic_ns)
-    with pytest.raises(AxisError, match=r"cannot open the serial port .*counter.*by-id"):
+    with pytest.raises(AxisError, match=r"cannot open the serial port \S*counter: [^\[]*by-id"):
         axis.configure()
 
 

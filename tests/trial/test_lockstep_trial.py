@@ -230,7 +230,7 @@ def test_a_force_that_hardly_moves_has_no_lag():
     felt = summary_module.judge_felt_force(trial, {}, master, truth, force)
     assert (felt["lag_ms"], felt["direct_reflection_lag_ms"]) == (None, None)
     assert felt["reason"] == (
-        "the true force moved by less than contact.onset_force 0.4: it shows no lag"
+        "the true force moved by less than contact.onset_force 0.4 N: it shows no lag"
     )
     assert felt["nrmse"] < 0.01
     hand[:] = 0.0237 + 20 * (hand - 0.0237)

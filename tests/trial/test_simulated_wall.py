@@ -10,7 +10,7 @@ WALLS = [
     OUT_OF_REACH,
     INSIDE,
     ("plant.start_m=0.02", "set plant.environment.surface_m above plant.start_m"),
-    ("plant.environment.surface_m=0.05", "past limits.position_max 0.06"),
+    ("plant.environment.surface_m=0.05", "past limits.position_max 0.06 m"),
     ("plant.environment.stiffness_N_per_m=80000", "is above limits.stiffness_max 40000"),
     ("plant.environment.stiffness_N_per_m=80000", "would press with 1600 N"),
 ]

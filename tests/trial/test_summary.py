@@ -89,7 +89,7 @@ def test_a_force_above_the_cap_is_noted_with_its_size_and_its_longest_time():
     given = (outcome(), replayed(), adequate, None, 20.0)
     (note,) = summary_notes.all_notes(silicone(), slave, *given)
     assert note.startswith(
-        "the tool pressed with 101 N, above slave.force_cap 90, for up to 7 ms at a time: a wall "
+        "the tool pressed with 101 N, above slave.force_cap 90 N, for up to 7 ms at a time: a wall "
     )
     slave["force"] = np.minimum(force, 90.0)
     assert not summary_notes.all_notes(silicone(), slave, *given)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from canopen.objectdictionary import ObjectDictionary, ODVariable
@@ -26,6 +27,8 @@ NODES = range(1, 128)
 IDENTITY = {1: "vendor", 2: "product", 3: "revision"}
 MOST_NAMED = 6
 """Errors printed one by one; of more, the rest is an ellipsis."""
+SILENT_BUS, NO_ANSWER = "bus", "not answer"
+"""Place, and end of the cause, of the error on nodes that do not answer."""
 FIXED = (0x1000, 0x1018)
 """Objects whose EDS value the device must have."""
 
@@ -41,16 +44,23 @@ def survey(config: CanopenPart, bus: can.BusABC, now_ns: Callable[[], int]) -> l
     dictionaries = {n: eds.load(node.eds, node.node_id) for n, node in config.nodes.items()}
     nodes = build.sdo_nodes(config, dictionaries, pumped)
     known = {node.node_id for node in nodes.values()}
-    findings = []
+    findings = _silent([node for node in nodes.values() if node.node_id not in found])
     for node in nodes.values():
         if node.node_id in found:
             findings += [_presence(node), _against_eds(node)]
-        else:
-            step = "check power, wiring, termination, bit rate and node id"
-            findings.append(Finding("error", f"{node.label} does not answer", "bus", step))
     for unlisted in sorted(found - known):
         findings.append(_unlisted(unlisted, dictionaries, pumped))
     return findings
+
+
+def _silent(nodes: Sequence[SdoNode]) -> list[Finding]:
+    """Return one error on all nodes that do not answer: their cause is mostly the same."""
+    if not nodes:
+        return []
+    *others, last = (node.label for node in nodes)
+    who = f"{', '.join(others)} and {last} do" if others else f"{last} does"
+    step = "check power, wiring, termination, bit rate and node id"
+    return [Finding("error", f"{who} {NO_ANSWER}", SILENT_BUS, step)]
 
 
 def scan(bus: ConfigurationBus, own: int) -> set[int]:

@@ -174,7 +174,11 @@ class SerialStream(DescriptorStream):
                 else "`ls -l /dev/serial/by-id` shows the devices that are plugged in, and the user"
                 " must be in the group that owns it"
             )
-            raise AxisError(f"cannot open the serial port {path}: {error}; {step}") from error
+            number = getattr(
+                error, "errno", None
+            )  # pyserial's own text names the port again, twice
+            cause = str(error) if number is None else os.strerror(number)
+            raise AxisError(f"cannot open the serial port {path}: {cause}; {step}") from error
         # Not every adapter knows it; those that do answer up to 15 ms sooner.
         with contextlib.suppress(OSError, ValueError):
             self._serial.set_low_latency_mode(True)
