@@ -13,7 +13,8 @@ from scipy.io import savemat
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
 from teleop_rt.extras import install_command
-from teleop_rt.offline.commands import print_diagnosis, size_seen
+from teleop_rt.offline.commands import print_diagnosis
+from teleop_rt.view.quantities import size_seen
 from teleop_rt_dev.paths import SILICONE
 
 DATA = os.environ.get("TELEOP_RT_DATA")
@@ -248,11 +249,15 @@ def test_replay_prints_the_best_few_sorted_and_all_when_asked(call, tmp_path):
 
 
 def test_a_size_that_would_have_been_detected_has_its_unit_with_the_values_in_it():
-    drag = {"name": "air_drag", "size": 2.0, "unit": "N/m^power", "shape": {"power": 1.5}}
-    assert size_seen(drag) == "air drag 2 N/m^1.5"
-    assert size_seen(drag | {"unit": "N"}) == "air drag 2 N"
-    share = {"name": "set", "size": 0.01, "unit": "1", "shape": {}}
-    assert size_seen(share) == "set 0.01 (ratio)"
+    base = {"k": {"value": 400.0, "unit": "N/m"}, "b": {"value": 20.0, "unit": "N s/m"}}
+    drag = {"size": 2.0, "unit": "N/m^power", "shape": {"power": 1.5}}
+    assert size_seen(drag, base) == "2 N/m^1.5"
+    assert size_seen(drag | {"unit": "N s/m^(power+1)"}, base) == "2 N s/m^2.5"
+    assert size_seen(drag | {"unit": "N"}, base) == "2 N"
+    assert size_seen(drag | {"unit": "N/m"}, base) == "2 N/m (0.5 % of k)"
+    assert size_seen(drag | {"unit": "N s/m"}, base) == "2 N s/m (10 % of b)"
+    assert size_seen(drag | {"unit": "N/m", "size": 101.6}, base) == "102 N/m (25 % of k)"
+    assert size_seen({"size": 0.01, "unit": "1", "shape": {}}, base) == "0.01 (ratio)"
 
 
 def test_sizes_that_would_have_been_detected_are_two_columns_below_all_else(call, tmp_path):

@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from teleop_rt.batch.workers import Workers
-from teleop_rt.config.shown_unit import shown_unit
 from teleop_rt.diagnosis.answers.errors import is_beaten, predicts_worse
 from teleop_rt.diagnosis.inference.rounds import INCONCLUSIVE
 from teleop_rt.estimation.report import best_first
@@ -25,6 +24,7 @@ from teleop_rt.offline.table import Table
 from teleop_rt.offline.work import Diagnosing, Replaying
 from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.table import estimator_lines
+from teleop_rt.view.quantities import size_seen
 from teleop_rt.view.style import effect_in_words, parameter
 
 _ORDER = "; estimators: selected on-line (*), then identified, then the others, each by NRMSE"
@@ -157,7 +157,11 @@ def print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
             f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
             f" by least squares {_share(entry['least_squares'])}"
         )
-    seen = [size_seen(one) for one in answer["detectable"] if one["size"] is not None]
+    seen = [
+        f"{one['name'].replace('_', ' ')} {size_seen(one, base['parameters'])}"
+        for one in answer["detectable"]
+        if one["size"] is not None
+    ]
     if answer["verdict"] == "no_missing_effect" and seen:
         say("  would have been detected (shapes: --json), above:")
         for line in _in_two_columns(seen):
@@ -186,14 +190,6 @@ def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
         parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
         text = ", ".join(f"{group} {100.0 * share:.0f} %" for group, share in parts if share > 0.0)
         say(f"  the remainder depends on: {text}")
-
-
-def size_seen(effect: Mapping[str, Any]) -> str:
-    """Return the size of an effect that would have been detected; its unit may name a shape."""
-    unit = "(ratio)" if effect["unit"] == "1" else shown_unit(effect["unit"])
-    for name, value in effect["shape"].items():
-        unit = unit.replace(name, f"{value:.3g}")
-    return f"{effect['name'].replace('_', ' ')} {_share(effect['size'])} {unit}"
 
 
 def _in_two_columns(texts: Sequence[str]) -> Iterator[str]:

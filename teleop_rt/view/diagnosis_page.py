@@ -19,10 +19,12 @@ from teleop_rt.metrics import in_percent
 from teleop_rt.view import style
 from teleop_rt.view.html import Tile, figures_of, render
 from teleop_rt.view.plots import svg
+from teleop_rt.view.quantities import size_seen
 from teleop_rt.view.residual_charts import residual_charts
 from teleop_rt.view.residual_figure import residual_figure
 
 _CERTAIN_BIC = 14.0  # odds of a thousand to one for one effect (Kass and Raftery 1995)
+_LARGE_GAIN = 1e5  # from which a gain is given by its power of ten
 _BESIDE = "outliers"  # found beside the candidates, so they are in no row
 _VERDICTS = {
     "no_missing_effect": ("good", "Nothing is missing: the base explains the force to the noise."),
@@ -69,6 +71,7 @@ def write(answer: dict[str, Any], residuals: Residuals, folder: Path) -> list[Pa
         candidates=_candidates(answer),
         certain=f"{_CERTAIN_BIC:g}",
         parameters=list(_parameters(answer)),
+        size_seen=size_seen,
         **figures_of(residual_charts(residuals)),
     )
     paths[0].write_text(page, encoding="utf-8")
@@ -185,6 +188,16 @@ def _parameters(answer: dict[str, Any]) -> Iterator[dict[str, str]]:
             yield {"of": _names([entry["name"]]), "text": _in_words(name, content)}
 
 
+def _gain(value: float) -> str:
+    """Return a gain to three digits: more are noise, and hide the order of size."""
+    if abs(value) >= _LARGE_GAIN:
+        digits, exponent = f"{value:.2e}".split("e")
+        text = f"{digits} × {style.printed(f'10^{int(exponent)}')}"
+    else:
+        text = f"{float(f'{value:.3g}'):,.0f}".replace(",", " ")
+    return text.replace("-", "−")
+
+
 def _candidates(answer: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the rows of the table of candidates; those of the answer are marked."""
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
@@ -193,7 +206,7 @@ def _candidates(answer: dict[str, Any]) -> list[dict[str, Any]]:
         {
             "names": " + ".join(name.replace("_", " ") for name in one["effects"]),
             "belongs_to": ", ".join(one["belongs_to"]),
-            "bic": f"{one['delta_bic']:,.0f}".replace(",", " ").replace("-", "−"),
+            "bic": _gain(one["delta_bic"]),
             "explains": round(100.0 * one["explains"], 1),
             "chosen": frozenset(one["effects"]) in chosen,
         }

@@ -98,7 +98,7 @@ def felt_chart(run: Run) -> Chart | None:
 
 
 def _true(x: Array, y: Array) -> Curve:
-    return Curve(label=TRUE_FORCE, x=x, y=y, colour=LIGHT.measured, width=4.0, faint=True)
+    return Curve(label=TRUE_FORCE, x=x, y=y, colour=LIGHT.measured, width=8.0, faint=True)
 
 
 def force_chart(run: Run) -> Chart:
@@ -137,7 +137,7 @@ def _forces(run: Run, t: Array) -> tuple[Curve, ...]:
     slave = run.slave
     forces = [
         Curve(label=RAW, x=t, y=slave["force"], colour=LIGHT.measured, faint=True),
-        Curve(label=FILTERED, x=t, y=slave["filtered_force"], colour=LIGHT.measured, width=2.0),
+        Curve(label=FILTERED, x=t, y=slave["filtered_force"], colour=LIGHT.measured, width=3.2),
         Curve(
             label=PREDICTED,
             x=t,

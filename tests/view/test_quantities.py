@@ -2,6 +2,7 @@
 
 import pytest
 
+from teleop_rt.view import diagnosis_page
 from teleop_rt.view.quantities import parameter_unit, small_position
 from teleop_rt.view.run_folder import selected_row
 from teleop_rt.view.style import effect_in_words, method_name, parameter, printed
@@ -118,3 +119,13 @@ def test_of_rows_that_differ_in_their_effects_alone_the_selected_one_is_found():
     rows = [row | {"effects": effects} for effects in (None, "estimated", "frozen")]
     summary = {"estimators": rows, "selected": row | {"effects": "frozen"}}
     assert selected_row(summary) is rows[2]
+
+
+@pytest.mark.parametrize(("gain", "shown"), [
+    (6435170.3, "6.44 × 10⁶"), (1234567890.0, "1.23 × 10⁹"), (41234.5, "41 200"), (13.7, "14"),
+    (-2.0, "−2"), (0.0, "0"), (-6435170.3, "−6.44 × 10⁶"),
+])  # fmt: skip
+def test_a_gain_is_given_to_three_digits(gain, shown):
+    row = {"effects": ["a"], "belongs_to": ["rig"], "delta_bic": gain, "explains": 0.5}
+    (found,) = diagnosis_page._candidates({"class": [], "effects": [], "candidates": [row]})
+    assert found["bic"] == shown

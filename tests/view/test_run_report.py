@@ -46,7 +46,7 @@ from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
 from teleop_rt.view.compare import compared, different_keys
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.run_folder import load_run, read_recorded
-from teleop_rt.view.style import RESIDUAL, parameter
+from teleop_rt.view.style import FELT, FILTERED, PREDICTED, RESIDUAL, TRUE_FORCE, parameter
 
 
 def run_trial(folder, *changes):
@@ -238,6 +238,24 @@ def test_the_felt_force_lies_on_the_true_one_and_the_reflected_one_lags(good):
         curve.label for curve in over_true.curves
     ]
     assert load_run(good, read_summary(good), read_recorded(good)).felt is None
+
+
+def test_no_curve_hides_the_one_that_it_lies_on(good):
+    """A curve that fits is drawn on a wider one, which stays visible on both sides of it."""
+    _, charts = charts_of(good)
+    for chart, over, under in (
+        ("felt", FELT, TRUE_FORCE), ("force", PREDICTED, FILTERED),
+    ):  # fmt: skip
+        curves = {curve.label: curve for curve in charts[chart].panels[0].curves}
+        order = list(curves)
+        assert order.index(under) < order.index(over)
+        assert curves[under].width - curves[over].width >= 1.5
+
+
+def test_the_text_beside_the_strip_says_where_it_is(good):
+    page = (good / "report.html").read_text()
+    assert "The strip at the bottom of the figure shows the whole run: drag its window" in page
+    assert "strip below" not in page
 
 
 def test_without_the_truth_there_is_no_picture_of_the_felt_force(good, tmp_path):
