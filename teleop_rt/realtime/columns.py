@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 Rows = NDArray[np.float64]
 _BLOCK_ROWS = 2048
 """Rows collected before they become an array."""
-_ROWS_FOR_KERNEL = 200_000
-"""Rows beyond which a kernel pays that reads one in a fourth of the time, but loads for 0.5 s."""
+_ROWS_FOR_KERNEL = 100_000
+"""Rows of a topic beyond which a kernel pays that reads one in a fourth of the time: it loads for
+0.5 s, once for all topics."""
 _BYTES = 8
 """Of a number."""
 

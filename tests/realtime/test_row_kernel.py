@@ -13,6 +13,7 @@ import pytest
 from teleop_rt.realtime import columns as columns_module
 from teleop_rt.realtime.columns import TopicColumns
 from teleop_rt.realtime.row_kernel import RowReader
+from teleop_rt.view.run_folder import ROWS_OF_LONGER
 
 NAMES = ("tick", "stamp_ns", "first", "second", "état", "last")
 ROOM = 1 << 30
@@ -64,6 +65,13 @@ def test_a_kernel_reads_the_same_numbers_to_the_last_bit(wanted):
     rng = random.Random(str(wanted))  # noqa: S311 - reproducible
     rows = [text_of([any_number(rng) for _ in NAMES]) for _ in range(1000)]
     assert columns_of(rows, wanted, kernel=True) == columns_of(rows, wanted, kernel=False)
+
+
+@pytest.mark.parametrize("topic", ["/slave", "/master"])
+def test_the_ticks_of_an_hour_are_read_by_the_kernel_for_a_report(topic):
+    found = TopicColumns(None, ROWS_OF_LONGER[topic], 3_600_000, ROOM)
+    found.take(*laid_out([text_of(["1"] * len(NAMES))] * 3))
+    assert found._reader is not None  # which way is taken shows nowhere else
 
 
 @pytest.mark.parametrize("kernel", [True, False])
