@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
-from teleop_rt.axis import Device, Sample, Timing
+from teleop_rt.axis import Device, Sample, Timing, sample_place
 from teleop_rt.master.handle_faults import NO_FAULT, STALLED
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.held_key import HeldKey
+
+_VALID, _ENABLED, _POSITION = map(sample_place, ("valid", "enabled", "position"))
 
 
 class HeldDevice:
@@ -38,7 +40,7 @@ class HeldDevice:
     @property
     def powered(self) -> bool:
         """Whether the device pushes back: then it goes on with its last force in a stall."""
-        return self._sample.enabled
+        return self._sample.counts[_ENABLED] > 0
 
     def give_up(self) -> None:
         """Stop the device for good: it was left on its last force for too long."""
@@ -70,8 +72,8 @@ class HeldDevice:
         self._periods += 1
         if self._key is not None:
             sample.switch = self._key.update()
-        if sample.valid:
-            self._differentiate(sample.position)
+        if sample.counts[_VALID]:  # without a call for each number
+            self._differentiate(sample.floats[_POSITION])
         self.watch.update(sample, self._velocity)
         if self.watch.fault is not NO_FAULT:
             self._device.stop()

@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.axis import NO_AXIS_FAULT, Sample
+from teleop_rt.axis import NO_AXIS_FAULT, Sample, sample_place
 from teleop_rt.config.device import EnablingSwitch
 from teleop_rt.config.rig import Limits
 from teleop_rt.config.supervision import UnsafeWord
@@ -46,6 +46,11 @@ _NO_FAULT, _DEVICE, _NOT_ENABLED = faults.NO_FAULT.code, faults.DEVICE.code, fau
 _STALE, _RELEASED, _FORCE_OFF = faults.STALE.code, faults.RELEASED.code, faults.FORCE_OFF.code
 _OVERSPEED, _END_OF_TRAVEL = faults.OVERSPEED.code, faults.END_OF_TRAVEL.code
 _POSITION_OFF = faults.POSITION_OFF.code
+_VALID, _ENABLED, _SWITCH = map(sample_place, ("valid", "enabled", "switch"))
+_FAULT, _NONE = sample_place("fault"), int(NO_AXIS_FAULT)
+_POSITION, _DRIVE_POSITION = sample_place("position"), sample_place("drive_position")
+_DRIVE_FORCE = sample_place("drive_force")
+_HAS_POSITION, _HAS_FORCE = map(sample_place, ("has_drive_position", "has_drive_force"))
 
 
 class WatchFields:
@@ -232,16 +237,16 @@ class HandleWatch:
         """Judge a cycle's sample, and the velocity that came out of it."""
         if self.fault is not faults.NO_FAULT:
             return
-        position, force = sample.drive_position, sample.drive_force
+        floats, counts = sample.floats, sample.counts  # without a call for each number
         found = self._judge(
-            sample.valid,
-            sample.enabled,
-            sample.switch,
-            sample.fault is not NO_AXIS_FAULT,
-            sample.position,
+            counts[_VALID] > 0,
+            counts[_ENABLED] > 0,
+            counts[_SWITCH] > 0,
+            counts[_FAULT] != _NONE,
+            floats[_POSITION],
             velocity,
-            math.nan if position is None else position,
-            math.nan if force is None else force,
+            floats[_DRIVE_POSITION] if counts[_HAS_POSITION] else math.nan,
+            floats[_DRIVE_FORCE] if counts[_HAS_FORCE] else math.nan,
         )
         if found:
             self.fault = faults.HANDLE_FAULTS[found]

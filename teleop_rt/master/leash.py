@@ -48,6 +48,10 @@ class Leash:
 
     def update(self, hand: float, lead: float, velocity: float) -> float:
         """Return the force against a hand that leads the slave by `lead`, 0 once it may."""
+        if self._limit == 0.0 and 2 * lead <= self._length:  # nothing to hold, as nearly always
+            self.longest = max(self.longest, lead)
+            self._force = 0.0
+            return 0.0
         most = self._force + self._force_step
         self._force = self._held(hand, lead, velocity, most)
         self.largest = max(self.largest, self._force)
@@ -60,8 +64,6 @@ class Leash:
         ends as soon as the brake lets go, for a wall with a damping of its own may be felt by then.
         """
         self.longest = max(self.longest, lead)
-        if self._limit == 0.0 and 2 * lead <= self._length:
-            return 0.0  # nothing to hold, as nearly always
         share = min(1.0, max(0.0, 2 * lead / self._length - 1))
         self._limit = self._limit_at(share * self._force_max)
         if self._limit <= 0.0:

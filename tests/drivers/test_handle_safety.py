@@ -14,6 +14,7 @@ from teleop_rt.config.rig import Limits
 from teleop_rt.master import handle_faults as faults
 from teleop_rt.master.handle_safety import HandleWatch
 from teleop_rt.master.held_key import HeldKey
+from teleop_rt_dev.bench.lockstep import count
 from teleop_rt_dev.faults.handle import CANOPEN, HandleBench
 from teleop_rt_dev.faults.handle_rows import HANDLE_ROWS, PUSH_N, HandleRow, gone, play
 
@@ -39,6 +40,23 @@ def judged(watch, ticks=30, asked=0.0, velocity=0.0, **sample):
         watch.update(Sample(**(whole | sample)), velocity)
         watch.commanded(asked)
     return watch.fault
+
+
+def test_a_sample_is_judged_without_a_call_for_each_of_its_numbers(monkeypatch):
+    watch, given = HandleWatch(LIMITS, 1e-3), []
+    sample = Sample(valid=True, switch=True, position=0.1, drive_force=-2.0)
+    monkeypatch.setattr(watch, "_judge", lambda *values: given.append(values))
+    _, calls = count(lambda: watch.update(sample, 0.5))
+    assert calls == 3  # with the functions above and before
+    sample.fault, sample.drive_position, sample.drive_force = AxisFault.BUS_OFF, 0.2, None
+    sample.enabled, sample.valid = True, False
+    watch.update(sample, 0.5)
+    plain, other = given
+    assert plain[:6] == (True, False, True, False, 0.1, 0.5)
+    assert math.isnan(plain[6])
+    assert plain[7] == -2.0
+    assert other[:7] == (False, True, True, True, 0.1, 0.5, 0.2)
+    assert math.isnan(other[7])
 
 
 def test_a_calm_device_in_a_persons_hand_is_left_alone():

@@ -11,6 +11,7 @@ import pytest
 from teleop_rt.master.leash import RELEASE_S, Leash
 from teleop_rt.master.passivity import Port
 from teleop_rt.master.wall_limiter import WallLimiter
+from teleop_rt_dev.bench.lockstep import count
 
 T = 1e-3
 
@@ -31,6 +32,15 @@ def test_the_brake_grows_from_half_of_the_leash_and_slips_at_its_end(lead, force
     leash, hand = pulled(lead)
     assert leash.update(hand, lead, 0.0) == pytest.approx(force)
     assert leash.slipped is (lead >= 0.05)
+
+
+def test_a_leash_that_holds_nothing_notes_the_lead_in_one_call():
+    leash, _ = pulled(0.02)
+    _, calls = count(lambda: leash.update(0.0, 0.024, 0.0))
+    assert calls == 2  # with the function above
+    leash.update(0.0, 0.01, 0.0)
+    assert leash.longest == 0.024
+    assert leash.largest == 0.0
 
 
 def test_a_hand_that_goes_back_is_not_pushed():
