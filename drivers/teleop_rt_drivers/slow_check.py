@@ -32,7 +32,7 @@ def check_line_rates(part: AxisConfig, rig: RigConfig, where: str) -> list[Findi
             findings.append(Finding("ok", f"{what}, for {rate_hz:g} values/s", key))
         elif signal.rate_hz is None:
             step = f"set {name}.rate_hz to the device's own rate: its values are then held"
-            what = f"{what}, fewer than the {rate_hz:g} cycles/s that each need a value"
+            what = f"{what}; the loop needs {rate_hz:g} values/s, one for each cycle"
             findings.append(Finding("error", what, key, step))
         else:
             step = "raise the baud rate, or lower the device's rate"
@@ -52,9 +52,9 @@ def check_stamps(rig: RigConfig) -> list[Finding]:
         return []
     unit = f"{rig.units.force} s/{rig.units.position}"
     what = (
-        f"no SYNC latches position and force: the time between them is known to "
-        f"{1e3 * deviation_s:.2g} ms, damping to {1e3 * deviation_s:.2g} {unit} for each 1000 "
-        f"{rig.units.force}/{rig.units.position} of stiffness"
+        f"no SYNC latches position and force together: the time between them is uncertain by "
+        f"{1e3 * deviation_s:.2g} ms, and so is the damping, by {1e3 * deviation_s:.2g} {unit} for "
+        f"each 1000 {rig.units.force}/{rig.units.position} of stiffness"
     )
     where = "sensors.force_lag_deviation_ms"
     if deviation_s <= STAMPS_WORTH_A_STEP * period_s:

@@ -37,7 +37,7 @@ def check_stalls(part: AxisConfig, rig: RigConfig, where: str) -> list[Finding]:
     if isinstance(part, FramedPart) and part.drive is not None:
         key, name = f"{where}.drive.watchdog_ms", "drive.watchdog_ms"
         if part.drive.watchdog_ms is None:
-            what = f"the drive's own watchdog is not known, so {STOP} {stop_ms:g} stands alone"
+            what = f"the drive's own watchdog is not known: {STOP} {stop_ms:g} alone stops the axis"
             step = "state the value of the drive's manual; without one, wire an emergency stop"
             return [Finding("warning", what, key, step)]
         return [_compared(stop_ms, 0, part.drive.watchdog_ms, name, key)]
@@ -51,10 +51,10 @@ def check_hardware_stalls(rig: RigConfig, where: str) -> list[Finding]:
     if not wide:
         return []
     what = (
-        f"stop_ms {late.stop_ms:g} and stop_share {late.stop_share:g} are wider than for hardware: "
-        f"{ON_HARDWARE.stop_ms:g} and {ON_HARDWARE.stop_share:g}"
+        f"stop_ms {late.stop_ms:g} or stop_share {late.stop_share:g} is above its bound for "
+        f"hardware, {ON_HARDWARE.stop_ms:g} and {ON_HARDWARE.stop_share:g}"
     )
-    step = "remove realtime.late, which the simulated rigs have, unless your rig survives it"
+    step = "remove realtime.late, which is for simulated rigs, unless your rig can take such stalls"
     return [Finding("warning", what, f"{where}realtime.late", step)]
 
 

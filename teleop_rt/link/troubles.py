@@ -23,34 +23,34 @@ TROUBLES: tuple[tuple[str, str], ...] = (
         "nothing",
         (
             "nothing has arrived from the peer: check that it runs, its address and port, and that "
-            "both sides have the same key and version; a packet that does not verify is not "
-            "answered, nor an operator whose line was removed from the rig's key file"
+            "both sides have the same key and version; a peer with another key, or an operator "
+            "removed from the rig's key file, gets no answer"
         ),
     ),
     (
         "clock",
         (
-            "messages come later than when the axis was armed, or the peer's clock has changed: "
-            "stop and arm again, or give link.one_way_max_ms"
+            "messages arrive later than at arming, or the peer's clock has changed: stop and arm "
+            "the axis again; if you know the longest delay, set link.one_way_max_ms"
         ),
     ),
     (
         "taken",
-        ("another master has taken the slave over: agree on who leads, and start this one again"),
+        ("another master leads the slave now: agree on who leads, then start this master again"),
     ),
     (
         "silent",
         (
-            "the peer has been silent for more than 2 s: check that it still runs, and the line; "
-            "or it was started again with another key, or this operator's line was removed from "
-            "the rig's key file"
+            "the peer has been silent for more than 2 s: check that it runs, and the network; a "
+            "peer that was started again with another key, or an operator removed from the rig's "
+            "key file, gets no answer"
         ),
     ),
     (
         "authentication",
         (
-            "packets arrive damaged or forged, after good ones had come: check the line, or "
-            "whether the peer was started again with another key"
+            "packets arrive damaged or forged, although earlier ones were good: check the network, "
+            "and whether the peer was started again with another key"
         ),
     ),
 )

@@ -46,20 +46,20 @@ _SHIFT_DEVIATIONS = 2.0
 _LIMIT_SHARE = 0.8
 """The share of the rig's limits that a proposed motion may use."""
 ANSWERS = {
-    "no_missing_effect": "no missing effect was found: the model is left as it is",
-    "unexplained": "something is left that no known effect explains: the model is left as it is",
+    "no_missing_effect": "no missing effect was found: the model is not changed",
+    "unexplained": "no known effect explains the remainder: the model is not changed",
 }
 DRAFTED = (
-    "no known effect explains the remainder: a law was drafted from it, which you may name and"
-    " change in draft_effect.py"
+    "no known effect explains the remainder, so a law was drafted from it: name it and change it"
+    " in draft_effect.py"
 )
 HOW = {
     "adds_force": "its amplitude is estimated on-line beside the model's parameters",
     "moves_position": "the position is corrected by the effect itself, which follows the motion",
     "deflects": "the position is corrected by the deflection under the measured force",
     "slackens": "it is not corrected on-line: it acts where the force is small",
-    "filters_force": "the position is made as slow as the force before they meet",
-    "limits_force": "it has no causal inverse: samples that it spoils are masked",
+    "filters_force": "the position is low-passed like the force before the model uses both",
+    "limits_force": "it cannot be undone on-line: the samples that it spoils are left out",
     "shifts_time": "position and force are aligned by its lag",
 }
 

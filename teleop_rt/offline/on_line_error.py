@@ -67,10 +67,10 @@ def cause_of_error(before: Path, after: Path, unit: str) -> str | None:
         a**2 - b**2 for a, b in ((found.first, without.first), (found.second, without.second))
     )
     if early > _CAUSE_SHARE * (early + max(late, 0.0)):
-        return f"more of it comes from the time in which the parameters settle: {figures}"
+        return f"most of the increase occurs while the parameters settle: {figures}"
     if found.noise**2 - without.noise**2 > _CAUSE_SHARE * late:
         return f"the compensation adds noise: {figures}"
-    return f"it stays when the parameters have settled, and is slow: {figures}"
+    return f"the error varies slowly, and remains after the parameters settle: {figures}"
 
 
 def _read(path: Path) -> OnLineError | None:

@@ -19,6 +19,6 @@ def weak_force(recording: Recording) -> str | None:
     if span >= _WEAKEST_N:
         return None
     return (
-        f"is the unit right? the units of both columns are not stated, and the force varies by"
-        f" {span:.2g} N only: if it is in kN, say so with --units force=kN"
+        f"is the unit right? no column states its unit, and the force varies by only {span:.2g} N:"
+        " if it is in kN, say so with --units force=kN"
     )

@@ -35,8 +35,8 @@ def keep_or_withdraw(
     return {
         "extended_model": None,
         "withdrawn": worse,
-        "reason": f"the extended model is withdrawn ({kept}), for on fresh data it makes worse: "
-        + "; ".join(worse),
+        "reason": "the extended model increases errors on fresh data, so it is withdrawn (kept as"
+        f" {kept}): {'; '.join(worse)}",
     }
 
 

@@ -154,8 +154,8 @@ def test_a_bus_that_is_only_read_is_known_to_a_cycle_and_the_interval_says_so():
 @pytest.mark.parametrize(
     ("interface", "severity", "words"),
     [
-        ("unix", "ok", "0.1 ms, damping to 0.1 N s/m for each 1000 N/m"),
-        ("gs_usb", "warning", "0.31 ms, damping to 0.31 N s/m for each 1000 N/m"),
+        ("unix", "ok", "0.1 ms, and so is the damping, by 0.1 N s/m for each 1000 N/m"),
+        ("gs_usb", "warning", "0.31 ms, and so is the damping, by 0.31 N s/m for each 1000 N/m"),
     ],
 )
 def test_check_states_how_well_damping_can_be_known(interface, severity, words, tmp_path):

@@ -81,6 +81,7 @@ def test_a_withdrawal_says_where_the_error_on_line_comes_from(tmp_path):
     gone = keep_or_withdraw(model, fresh(on_line=(0.03, 0.05), felt=(0.01, 0.02)), lambda: why)
     on_line, felt = gone["withdrawn"]
     assert on_line.endswith(f"is 0.0500 after ({why})")
+    assert gone["reason"].startswith("the extended model increases errors on fresh data, so it is")
     assert on_line in gone["reason"]
     assert why not in felt
 
@@ -88,9 +89,9 @@ def test_a_withdrawal_says_where_the_error_on_line_comes_from(tmp_path):
 @pytest.mark.parametrize(
     ("early", "late", "noise", "words"),
     [
-        (2.0, 0.0, 0.0, "in which the parameters settle: 2 N in the first half"),
+        (2.0, 0.0, 0.0, "increase occurs while the parameters settle: 2 N in the first half"),
         (0.0, 0.0, 0.5, "adds noise: .* 0.51 in the second .0.051., of which 0.5 is noise .0.05."),
-        (0.5, 0.5, 0.0, "stays when the parameters have settled, and is slow"),
+        (0.5, 0.5, 0.0, "the error varies slowly, and remains after the parameters settle"),
     ],
 )
 def test_the_error_on_line_is_settling_noise_or_slow(tmp_path, early, late, noise, words):
