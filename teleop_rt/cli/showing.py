@@ -21,7 +21,12 @@ GradeName = Literal["good", "attention", "bad", "unknown"]
 
 
 def report(
-    folders: Annotated[list[Path], typer.Argument(help="run folder; two or more with --compare")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            help="run folder; two or more with --compare; or those of a slave and a master"
+        ),
+    ],
     compare: Annotated[
         bool, typer.Option("--compare", help="compare runs side by side on one page")
     ] = False,
@@ -32,8 +37,10 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a run from its folder, also after a fault or a crash."""
-    if (len(folders) > 1) != compare:
+    if compare and len(folders) == 1:
         raise RecordingError("give one run folder, or two or more after --compare")
+    if figures is not None and len(folders) > 1 and not compare:
+        raise RecordingError("--figures goes with one run folder: leave out --figures")
     if out is not None and not compare:
         raise RecordingError(
             "--out goes with --compare: leave it out; the report of one run is its report.html"
@@ -59,12 +66,15 @@ def _written(
             compare_folders,
             figures_of_folder,
             report_of_folder,
+            report_of_sides,
         )
     except ImportError:
         raise RecordingError(f"no report: `{install_command('report')}` adds it") from None
     shown.phase("writing the page")
     if compare:
         yield compare_folders(folders, out, rebuilt, felt_of)
+    elif len(folders) > 1:
+        yield report_of_sides(folders, rebuilt)
     else:
         yield report_of_folder(folders[0], rebuilt, felt_of)
     if figures is not None:

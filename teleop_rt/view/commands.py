@@ -13,6 +13,7 @@ from teleop_rt.outputs import DISK_FULL, naming, refuse_existing, refuse_filled,
 from teleop_rt.trial.folder import plain_json
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.export import write_figures
+from teleop_rt.view.joined import open_joined
 from teleop_rt.view.report import content, write_comparison, write_report
 from teleop_rt.view.run_folder import (
     Columns,
@@ -43,6 +44,15 @@ def report_of_folder(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Path:
         return write_report(_open_run(folder, rebuild, felt_of))
 
 
+def report_of_sides(folders: Sequence[Path], rebuild: Rebuild) -> Path:
+    """Write the report of a slave and a master that ran alone into the slave's folder.
+
+    Raises RecordingError.
+    """
+    with _readable(folders[0]):
+        return write_report(open_joined(folders, rebuild))
+
+
 def figures_of_folder(folder: Path, out: Path, rebuild: Rebuild, felt_of: FeltOf) -> list[Path]:
     """Write every figure of a run as SVG, PDF and CSV into `out`. Raises RecordingError."""
     refuse_filled(out, "name another folder with --figures")
@@ -71,8 +81,8 @@ def _open_run(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Run:
     summary = read_summary(folder)
     if summary is not None and "side" in summary:
         raise RecordingError(
-            f"{folder}: the {summary['side']} ran alone here, and a report needs both sides: "
-            f"`teleop-rt live {folder}` shows this recording"
+            f"{folder}: the {summary['side']} ran alone here, and a report needs both sides: give"
+            f" the folder of the other one, too; `teleop-rt live {folder}` shows this recording"
         )
     topics = read_recorded(folder)
     if summary is None:

@@ -29,6 +29,7 @@ few thousand dots wide."""
 ROWS_OF_LONGER = {"/slave": 150_000, "/master": 150_000, "/estimates/": 30_000}
 """Of a longer run one in 2, 4, 8, ... is read, down to these: six times the points of a curve on
 the screen. To read 600 000 took half of the time of a report."""
+MASTER_SIGNALS = (*FELT_SIGNALS, "model_sequence", "port_energy", "adoption_energy")
 _SIGNALS = {
     "/slave": (
         "stamp_ns",
@@ -47,7 +48,7 @@ _SIGNALS = {
         "wake_latency_us",
         "work_us",
     ),
-    "/master": (*FELT_SIGNALS, "model_sequence", "port_energy", "adoption_energy"),
+    "/master": MASTER_SIGNALS,
 }
 """Columns of either side in a report: fifty columns of an hour would fill the memory."""
 Columns = Mapping[str, NDArray[np.float64]]
