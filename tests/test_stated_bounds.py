@@ -24,7 +24,7 @@ PAGE = " ".join((ROOT / "docs" / "security.md").read_text(encoding="utf-8").spli
         f"{handshake.RETRIES_PER_HOST} to each host, {handshake.RETRIES_PER_S} to all",
         f"a poll spends at most {handshake.HASHES_PER_POLL} hashes",
         f"moves by at most {peer_clock.SLEW_PPM} ppm",
-        f"gains {peer_clock.SLEW_PPM * 60e-3:g} ms of age in a minute",
+        f"hides {peer_clock.SLEW_PPM * 60e-3:g} ms of delay in a minute",
         f"limited to {config_check.CPU_S} s of processor time and",
         f"of processor time and {config_check.MOST_BYTES >> 30} GB",
         f"must be complete within {bounded_http.WHOLE_WITHIN_S:g} s",
