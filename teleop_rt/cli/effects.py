@@ -25,6 +25,7 @@ SCALES = {
     "compliance": "the largest penetration over the largest force",
     "force": "the largest force",
     "place": "the largest penetration, counted from the middle of the stroke",
+    "range": "half the range of the force, counted from its middle",
 }
 """The scales of a recording in which bounds are given, in words."""
 

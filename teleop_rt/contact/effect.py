@@ -73,7 +73,9 @@ OF_THE_SPRING = "of the spring"
 
 It is possible beside such a base alone, and takes the place there of the law without these words.
 """
-Scale = Literal["", "travel", "speed", "duration", "compliance", "force", "onset", "place"]
+Scale = Literal[
+    "", "travel", "speed", "duration", "compliance", "force", "onset", "place", "middle", "range"
+]
 
 
 def handling_in_words(compensation: str) -> str:
@@ -88,9 +90,10 @@ class Shape:
     Bounds, start and `neutral` are multiples of `relative_to`, a scale of the recording (its
     largest penetration, peak speed, length, penetration over force, or force), or absolute where
     that is empty. A "place" counts in travels from the middle of the stroke, because the zero of a
-    body that is held all along is arbitrary. `points` is how finely a search looks at it, in even
-    steps of the value, of its logarithm or of its reciprocal. A `phase` [rad] turns the effect
-    within the plane of its values at 0 and pi/2, so a search gets it from two linear amplitudes.
+    body that is held all along is arbitrary, and a "range" in halves of the force's range from its
+    middle. `points` is how finely a search looks at it, in even steps of the value, of its
+    logarithm or of its reciprocal. A `phase` [rad] turns the effect within the plane of its values
+    at 0 and pi/2, so a search gets it from two linear amplitudes.
     At its `neutral` value, if it has one, the effect does not deserve its name. At its `ideal`
     bound it is just that, as friction that turns over at once; at any other bound a law stands in
     for something else.

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from teleop_rt.contact.effect import Effect, Vector
+from teleop_rt.contact.effects.sensor import range_of
 from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.contact.law import touches
 
 _SATURATED_SHARE, _BENT_SHARE = 0.97, 0.8
-"""The share of a level from which a force is masked: one that clips, and one that bends softly."""
+"""The share of half a channel's range from which forces are masked: it clips, or bends softly."""
 _OUTLYING = 8.0
 """Noises by which a force may differ from the line through the last two."""
 _FADED = 0.01
@@ -49,12 +50,9 @@ class Corrections:
         self._diagnosed_surface = diagnosed_surface
         self._bending = acting("deflects")
         self._slow = acting("filters_force")
-        levels = [
-            (_SATURATED_SHARE if len(f.effect.shapes) == 1 else _BENT_SHARE) * float(f.eta[0])
-            for f in acting("limits_force")
-            if f.effect.amplitude.unity
-        ]
-        self._level = min(levels, default=math.inf)
+        self._lowest, self._highest = _unsaturated(
+            [f for f in acting("limits_force") if f.effect.amplitude.unity]
+        )
         self._sparks = any(not f.effect.amplitude.unity for f in acting("limits_force"))
         self._period_s = period_s
         self._allowed = _OUTLYING * force_noise * math.sqrt(6.0)
@@ -120,7 +118,7 @@ class Corrections:
 
     def counts(self, force: float) -> bool:
         """Return whether a force may be used: neither saturated nor an outlier."""
-        if abs(force) >= self._level or (self._sparks and self._outlying(force)):
+        if not self._lowest < force < self._highest or (self._sparks and self._outlying(force)):
             self.masked += 1
             return False
         return True
@@ -134,6 +132,17 @@ class Corrections:
         self._outliers = 0
         self._before, self._last = (self._last, force) if not off else (force, force)
         return False
+
+
+def _unsaturated(limits: Sequence[FittedEffect]) -> tuple[float, float]:
+    """Return between which forces every one of these saturations leaves a force as it is."""
+    lowest, highest = -math.inf, math.inf
+    for fitted in limits:
+        clips = all(shape.unit == "{f}" for shape in fitted.effect.shapes)  # nothing rounds it
+        middle, half = range_of(fitted.effect, fitted.eta)
+        half *= _SATURATED_SHARE if clips else _BENT_SHARE
+        lowest, highest = max(lowest, middle - half), min(highest, middle + half)
+    return lowest, highest
 
 
 def _repeats_along_stroke(effect: Effect) -> bool:

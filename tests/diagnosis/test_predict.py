@@ -25,6 +25,8 @@ SCALES = {
     "": 1.0,
     "travel": 0.006,
     "place": 0.0,
+    "middle": 0.0,
+    "range": 20.0,
     "speed": 0.08,
     "duration": 2.0,
     "compliance": 5e-4,

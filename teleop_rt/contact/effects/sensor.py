@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from math import cos, exp, pi, sin, sqrt
 
-from teleop_rt.contact.effect import Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
 from teleop_rt.kernels.jit import kernel
 
 
@@ -69,6 +69,13 @@ def _clipped(
 
 
 @kernel
+def _clipped_between(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(min(max(x, eta[1]), eta[0]))
+
+
+@kernel
 def _softly_clipped(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -77,8 +84,33 @@ def _softly_clipped(
 
 
 _UNITY = Amplitude("scale", "1", unity=True)
+AT_TWO_ENDS = f"{WITHOUT_CONTACT}, at its two ends"
 _LEAST_LEVEL = 0.85
 """Of the largest force read [1]: nothing is read beyond the level but noise."""
+_HARD = Effect(
+    name="force_saturation",
+    law="hard",
+    family="saturation",
+    belongs_to="rig",
+    stage="sensor",
+    amplitude=_UNITY,
+    shapes=(Shape("level", "{f}", _LEAST_LEVEL, 1.02, 0.9, relative_to="force", points=6),),
+    step=_clipped,
+    sentence="The force channel saturates at {level}.",
+    compensation="mask",
+    only_in_contact=False,
+    acts="limits_force",
+)
+_LEAST_END, _OPEN_END = 0.95, 1.1
+"""Of half the range of the readings [1], a thousandth of them aside at either end: the least that
+an end of the channel may be, since noise is read beyond it, and one that limits nothing."""
+# Without load a channel rarely reads the middle of its range: its ends lie unevenly about 0.
+_HIGHEST = Shape(
+    "highest", "{f}", _LEAST_END, _OPEN_END, 1.0, relative_to="range", points=3, ideal="upper"
+)
+_LOWEST = replace(
+    _HIGHEST, name="lowest", lower=-_OPEN_END, upper=-_LEAST_END, start=-1.0, ideal="lower"
+)
 
 # Up to a fifth of a millisecond: a smaller delay and a smaller lag are one force.
 _BANDWIDTH = Shape("bandwidth", "Hz", 0.5, 2000.0, 30.0, logarithmic=True, points=12)
@@ -97,6 +129,14 @@ FIRST_ORDER_LAG = Effect(
     only_in_contact=False,
     acts="filters_force",
 )
+
+
+def range_of(effect: Effect, eta: Vector) -> tuple[float, float]:
+    """Return the middle and half the width [rig unit] of the range of a channel that saturates."""
+    level = float(eta[0])
+    lowest = float(eta[1]) if effect.step is _clipped_between else -level
+    return 0.5 * (level + lowest), 0.5 * (level - lowest)
+
 
 EFFECTS = (
     Effect(
@@ -133,19 +173,13 @@ EFFECTS = (
         only_in_contact=False,
         acts="filters_force",
     ),
-    Effect(
-        name="force_saturation",
-        law="hard",
-        family="saturation",
-        belongs_to="rig",
-        stage="sensor",
-        amplitude=_UNITY,
-        shapes=(Shape("level", "{f}", _LEAST_LEVEL, 1.02, 0.9, relative_to="force", points=6),),
-        step=_clipped,
-        sentence="The force channel saturates at {level}.",
-        compensation="mask",
-        only_in_contact=False,
-        acts="limits_force",
+    _HARD,
+    replace(
+        _HARD,
+        law=AT_TWO_ENDS,
+        shapes=(_HIGHEST, _LOWEST),
+        step=_clipped_between,
+        sentence="The force channel saturates at {lowest} and at {highest}.",
     ),
     Effect(
         name="force_saturation",

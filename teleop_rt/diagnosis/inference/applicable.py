@@ -5,9 +5,11 @@ from __future__ import annotations
 from teleop_rt.contact.effect import OF_THE_SPRING, Effect
 from teleop_rt.contact.effects.friction import UNDER_LOAD
 from teleop_rt.contact.effects.joints import BEYOND_THE_MASS
+from teleop_rt.contact.effects.sensor import AT_TWO_ENDS
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
+from teleop_rt.diagnosis.samples.range_end import reads_an_end
 from teleop_rt.recordings.recording import Recording
 
 _BY_DIRECTION = "backward_ratio"  # shape of friction by direction
@@ -27,6 +29,7 @@ def applicable(
     Outliers are tested separately. A body that is `pressed` all along shows no free air.
     """
     rotary = recording.units[0] == "rad"
+    at_end = reads_an_end(recording)
     laws = {(effect.name, effect.law) for effect in effects}
 
     def possible(effect: Effect) -> bool:
@@ -35,6 +38,8 @@ def applicable(
         if effect.name in {"gravity_torque", RETURN_SPRING}:
             return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
         if _is_of_another_spring(effect, base, laws):
+            return False
+        if effect.law == AT_TWO_ENDS and not at_end:
             return False
         if effect.without_contact:
             held = base.has_spring or not _is_of_a_spring(effect)

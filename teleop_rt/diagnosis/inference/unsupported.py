@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.contact.effect import Shape
+from teleop_rt.contact.effects.sensor import range_of
 from teleop_rt.contact.effects.stiffening import SPRING_POWER
 from teleop_rt.diagnosis.criteria import SAME_SHARE, SIGMAS
 from teleop_rt.diagnosis.models.course import Course
@@ -14,7 +15,7 @@ from teleop_rt.diagnosis.noise.structure import at_bounds
 from teleop_rt.recordings.rows import force_noise
 
 _SPRINGS_OWN = 0.5  # of a law's gain, that it keeps with the power of the base's spring
-BEYOND = 1.05  # times the saturation level; one reading in a hundred may exceed it
+BEYOND = 1.05  # times half the range of a saturation; one reading in a hundred may exceed it
 
 
 def unsupported(problem: Problem, base: Fit, fit: Fit) -> frozenset[str]:
@@ -30,7 +31,7 @@ def lacks_named_property(problem: Problem, base: Fit, fit: Fit) -> frozenset[str
     measured beyond a saturation level is not saturated. A share of the base's spring, or of a
     linear one, rises no more steeply than that: otherwise it is a spring of its own.
     """
-    found = _read_beyond_level(problem, fit)
+    found = _read_beyond_range(problem, fit)
     for place, coordinate in enumerate(fit.model.coordinates):
         shape = coordinate.shape
         if isinstance(shape, Shape) and shape.neutral is not None:
@@ -66,14 +67,18 @@ def at_wrong_bound(problem: Problem, fit: Fit) -> frozenset[str]:
     return found
 
 
-def _read_beyond_level(problem: Problem, fit: Fit) -> frozenset[str]:
-    """Return the effects that saturate the force at a level which the measured one exceeds."""
-    parameters = Course.of(fit.model, problem.motion, fit.zeta).parameters
-    levels = {
-        effect.name: float(eta[0])
-        for effect, (_, eta) in zip(fit.model.effects, parameters, strict=True)
+def _read_beyond_range(problem: Problem, fit: Fit) -> frozenset[str]:
+    """Return the effects that limit the force to a range which the measured one exceeds."""
+    course = Course.of(fit.model, problem.motion, fit.zeta)
+    ranges = {
+        effect.name: range_of(effect, eta)
+        for effect, (_, eta) in zip(fit.model.effects, course.parameters, strict=True)
         if effect.acts == "limits_force"
     }
-    largest = float(np.quantile(np.abs(problem.force[problem.whitener.mask > 0.0]), 0.99))
-    largest -= SIGMAS * force_noise(problem.force, problem.force_step)
-    return frozenset(name for name, level in levels.items() if largest > BEYOND * level)
+    force = problem.force[problem.whitener.mask > 0.0]
+    noise = SIGMAS * force_noise(problem.force, problem.force_step) if ranges else 0.0
+    return frozenset(
+        name
+        for name, (middle, half) in ranges.items()
+        if float(np.quantile(np.abs(force - middle), 0.99)) - noise > BEYOND * half
+    )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.effect import Effect, Matrix, Vector
+from teleop_rt.contact.effects.sensor import range_of
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.models.axes import Axes
 from teleop_rt.diagnosis.models.base import Base
@@ -37,6 +38,7 @@ _LEAST_FALL = 0.01  # of chi-square; noise alone changes it by more
 _ROUNDING = 1e-7  # of chi-square; a smaller fall is a rounding error
 HOPELESS = 2.0  # times the chi-square to beat; far above it a descent needs to fall quickly
 _TRIED, _LITTLE = 3, 0.05  # steps after which it does not, if the next promises less of chi-square
+_UNSATURATED = 0.97  # of half a channel's range; a force beyond it may be clipped
 _T = TypeVar("_T")
 
 
@@ -190,7 +192,8 @@ class Problem:
         keep = self.whitener.mask.copy()
         for effect, (_, eta) in zip(model.effects, course.parameters, strict=True):
             if effect.acts == "limits_force":
-                keep = keep * (np.abs(self.force) < 0.97 * eta[0])
+                middle, half = range_of(effect, eta)
+                keep = keep * (np.abs(self.force - middle) < _UNSATURATED * half)
         rows = np.array(parts.columns).reshape(len(parts.columns), keep.size)
         theta = signed_least_squares(rows * keep, self.force * keep, model.nonnegative)
         for effect, parameters in zip(model.effects, course.parameters, strict=True):

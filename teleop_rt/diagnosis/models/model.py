@@ -54,6 +54,8 @@ def in_units(value: float, shape: Shape | Amplitude, scales: Mapping[Scale, floa
     """Return a declared value of a parameter in the rig's units."""
     if shape.relative_to == "place":
         return scales["place"] + value * scales["travel"]
+    if shape.relative_to == "range":
+        return scales["middle"] + value * scales["range"]
     return value * scales[shape.relative_to]
 
 

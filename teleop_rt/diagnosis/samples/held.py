@@ -16,7 +16,7 @@ from teleop_rt.diagnosis.models.base import Base, base_of
 from teleop_rt.diagnosis.samples.motion import differentiate
 from teleop_rt.diagnosis.samples.smoothing import half_window
 from teleop_rt.recordings.recording import Recording
-from teleop_rt.recordings.rows import bulk, without_lone
+from teleop_rt.recordings.rows import bulk, force_noise, quantisation_step, without_lone
 
 HELD = (
     "the body pulls as well as pushes, and the force has a slope everywhere: no free air is seen,"
@@ -49,6 +49,7 @@ _MOVED = 0.7  # of that part; of less, the tool may only have rested there
 _FLAT_SLOPE, _FLAT_DEVIATION = 0.2, 0.02
 """Of the force's range over the travel, and of that range: largest there. Of 349 bodies that are
 fixed none is as flat; of 135 that are left and have no clear surface 60 are."""
+_REPEATED = 0.01  # of the readings; normal noise of a step repeats its lowest in a tenth of that
 _LEFT_PLACES, _NEARER_PLACES = 49, 9  # surfaces tried for it, and then around the best
 _MOST_SAMPLES = 4000  # of a recording; more are decimated, to save time
 _BILATERAL = {
@@ -111,8 +112,11 @@ def is_left(recording: Recording) -> bool:
 
     The force hardly changes over the outermost part of the travel; or a pull lets go beyond the
     best surface; or a force that has no slope there leaves much less than one straight line, the
-    part beyond has next to none if it may have one, and it is near the least force.
+    part beyond has next to none if it may have one, and it is near the least force. The lower end
+    of a converter's range is no free air.
     """
+    if _ends_below(recording.force):
+        return False
     force = without_lone(recording.force)
     low, high = bulk(force)
     parts = _Parts.of(recording, force)
@@ -129,6 +133,17 @@ def is_left(recording: Recording) -> bool:
         return False
     even = abs(below) < _AIR_SLOPE * above
     return even and parts.without_slope_below(place) < _LEFT_RATIO * parts.as_one_line()
+
+
+def _ends_below(force: Vector) -> bool:
+    """Return whether the lowest reading repeats itself although the others show a noise.
+
+    A converter reads the end of its range so, and free air shows the noise as well.
+    """
+    lowest = force == np.min(force)
+    if np.mean(lowest) < _REPEATED:
+        return False
+    return force_noise(force[~lowest]) > quantisation_step(force)
 
 
 class _Parts(NamedTuple):

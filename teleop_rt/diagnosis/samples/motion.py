@@ -164,6 +164,7 @@ def motion_of(
     t = dt * np.arange(x.size, dtype=np.float64)
     travel = float(np.max(x)) if touches and np.max(x) > 0 else float(np.ptp(x))
     level = float(np.quantile(np.abs(force), 0.999))
+    lowest, highest = np.quantile(force, (0.001, 0.999))
     scales: dict[Scale, float] = {
         "": 1.0,
         "travel": travel,
@@ -172,6 +173,8 @@ def motion_of(
         "compliance": travel / level,
         "force": float(np.max(np.abs(force))),
         "place": 0.5 * float(np.min(x) + np.max(x)),
+        "middle": 0.5 * float(lowest + highest),
+        "range": 0.5 * float(highest - lowest),
     }
     moves = _moves(x, v, dt, half, position_noise(position, dt))
     return RecordedMotion(t, x, v, a, dt, scales, half, moves)
