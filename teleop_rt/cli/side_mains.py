@@ -57,9 +57,9 @@ def run_slave(
         os.umask(0o027)
     gc.freeze()  # a collection before the loop would look through all modules, for 0.1 s
     with Claim() as claim:
-        end = _rounds(claim, trial_file, key, overrides, out, arm=arm, as_json=as_json)
+        end, armed = _rounds(claim, trial_file, key, overrides, out, arm=arm, as_json=as_json)
     leave_on_fault(end.outcome["safety"], "start the slave again")
-    if arm and end.outcome["link"]["received"] == 0:
+    if armed and end.outcome["link"]["received"] == 0:
         print(_UNHEARD, file=sys.stderr)
         raise typer.Exit(FAULT)
 
@@ -73,8 +73,11 @@ def _rounds(
     *,
     arm: bool,
     as_json: bool,
-) -> SlaveEnd:
-    """Run the slave, again after each reload; the rig stays held in between."""
+) -> tuple[SlaveEnd, bool]:
+    """Run the slave, again after each reload; the rig stays held in between.
+
+    Return its end, and whether this run was armed at once: after a reload none is.
+    """
     should_stop, configs, rounds = StopRequest(), Configs(), 0
     while True:
         rounds += 1
@@ -84,7 +87,8 @@ def _rounds(
                 "slave", trial_file, overrides, folder, key, as_json=as_json, trial=configs.running
             ) as side:
                 configs.running = side.trial
-                end = _serve(side, configs, claim, key, should_stop, arm=arm and rounds == 1)
+                armed = arm and rounds == 1
+                end = _serve(side, configs, claim, key, should_stop, arm=armed)
         except ExpectedError as error:
             if configs.before is None:
                 raise
@@ -93,7 +97,7 @@ def _rounds(
             print(f"{refused}: correct the file and reload again", file=sys.stderr)
             continue
         if not end.again:
-            return end
+            return end, armed
         configs.reload()
 
 

@@ -98,7 +98,7 @@ def test_check_asks_for_the_largest_stiffness_where_the_force_is_held(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("        rate_hz: 80 ", "        #"), "fewer than the 500 cycles/s"),
+        (("        rate_hz: 80 ", "        #"), "the loop needs 500 values/s"),
         (("baud: 115200", "baud: 9600"), "9600 baud carry 76 lines/s of 12 characters, not 80"),
     ],
 )

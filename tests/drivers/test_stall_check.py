@@ -105,8 +105,8 @@ def checked(monkeypatch, capsys):
 
 
 def test_bounds_for_a_simulated_rig_are_reported_on_a_real_one(checked):
-    result = [f for f in checked("--set", "plant=null") if "wider" in f["what"]]
+    result = [f for f in checked("--set", "plant=null") if "its bound for hardware" in f["what"]]
     assert [(f["severity"], f["where"]) for f in result] == [("warning", "realtime.late")]
     narrow = ("--set", "rig.realtime.late={hold_ms: 5, stop_ms: 20, stop_share: 0.2}")
     for words in ((), ("--set", "plant=null", *narrow)):
-        assert not [f for f in checked(*words) if "wider" in f["what"]]
+        assert not [f for f in checked(*words) if "its bound for hardware" in f["what"]]

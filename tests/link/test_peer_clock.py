@@ -110,7 +110,7 @@ def test_a_link_that_became_slower_is_followed_within_the_bound_and_not_beyond()
     assert quick.slave.statistics.rejected == {}
     assert slow.slave.silence_ns(slow.now) > 900 * MS
     assert slow.slave.statistics.rejected["stale"] > 700
-    assert "arm again" in (slow.slave.trouble or "")
+    assert "arm the axis again" in (slow.slave.trouble or "")
     slow.slave.clock.release()
     slow.run(2500)
     slow.slave.fix_clock()

@@ -18,7 +18,7 @@ from teleop_rt.realtime.rig_locks import (
 from teleop_rt.realtime.ring_folder import describe, new_ring_folder, publish
 from teleop_rt.service import place
 from teleop_rt.service.client import DaemonError, find
-from teleop_rt.service.commands import show
+from teleop_rt.service.commands import lines, show
 from teleop_rt.service.local_socket import bind
 from teleop_rt.service.mailbox import CommandBox
 from teleop_rt.service.place import Claim, claimed, places
@@ -223,7 +223,7 @@ def test_a_read_only_disk_is_reported_with_the_next_step(ring_folder, run_dir, m
 def test_a_daemon_of_another_version_is_reported_by_both_versions(ring_folder, capsys):
     old = {"rig": "r", "state": "RUN", "trial": "t", "pid": 1, "version": "0.0.1"}
     with pytest.raises(DaemonError, match=r"the daemon is teleop-rt 0\.0\.1 and this is .*--json"):
-        show(old)
+        show(old, lines)
     assert capsys.readouterr().out == ""
 
 
