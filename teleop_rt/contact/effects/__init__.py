@@ -19,6 +19,7 @@ from teleop_rt.contact.effects import (
     softening,
     stiffening,
     stribeck,
+    swinging,
     tool,
 )
 
@@ -36,6 +37,7 @@ LIBRARY: tuple[Effect, ...] = (
     *friction.EFFECTS,
     *stribeck.EFFECTS,
     *tool.EFFECTS,
+    *swinging.EFFECTS,
     *ripple.EFFECTS,
     *sensor_zero.EFFECTS,
     *sensor.EFFECTS,

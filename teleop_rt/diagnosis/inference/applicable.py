@@ -6,6 +6,7 @@ from teleop_rt.contact.effect import OF_THE_SPRING, Effect
 from teleop_rt.contact.effects.friction import UNDER_LOAD
 from teleop_rt.contact.effects.joints import BEYOND_THE_MASS
 from teleop_rt.contact.effects.sensor import AT_TWO_ENDS
+from teleop_rt.contact.effects.swinging import ON_ITS_SPRING
 from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
@@ -74,7 +75,7 @@ def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
         return True
     if base.has_power and effect.name == "hunt_crossley":
         return True
-    if effect.name == "tool_inertia":
+    if effect.name == "tool_inertia" and effect.law != ON_ITS_SPRING:
         return base.moves_mass
     if effect.law == BEYOND_THE_MASS and not base.has_mass:
         return True
