@@ -61,7 +61,7 @@ def test_a_play_beyond_a_mass_needs_a_mass_and_the_tool_has_only_one(
 ) -> None:
     laws = applicable(LIBRARY, recorded(1), base_of(base))
     ours = {"tool_inertia", BEYOND_THE_MASS}
-    assert ours & {law for e in laws for law in (e.name, e.law)} == masses
+    assert ours & {effect.law or effect.name for effect in laws} == masses
 
 
 def test_a_held_mass_behind_a_play_may_lose_stiffness_too() -> None:
