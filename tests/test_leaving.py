@@ -30,7 +30,8 @@ def test_a_slave_that_is_armed_at_once_and_hears_no_master_has_the_exit_code_of_
     monkeypatch, capsys, arm, received, code
 ):
     outcome = {"safety": {"fault": {"code": 0}}, "link": {"received": received}}
-    monkeypatch.setattr(side_mains, "_rounds", lambda *_, **__: SlaveEnd(outcome, again=False))
+    end_of_rounds = (SlaveEnd(outcome, again=False), arm)
+    monkeypatch.setattr(side_mains, "_rounds", lambda *_, **__: end_of_rounds)
     monkeypatch.setattr(gc, "freeze", lambda: None)
     left = pytest.raises(typer.Exit) if code else nullcontext()
     with left as end:
