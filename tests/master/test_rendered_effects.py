@@ -162,6 +162,14 @@ def test_the_position_of_a_force_is_where_all_springs_give_it():
     assert wall.elastic_force(position) == pytest.approx(60.0, rel=1e-6)
 
 
+def test_a_law_with_more_shapes_than_a_message_carries_reads_zeros_for_the_others():
+    law = find("moving_surface", "beating")
+    rendered = RenderedEffects(LIBRARY, 0.02, 0.1)
+    terms = rendered.terms([streamed(law.name, 1e-3, 1.2, law=law.law)], 0.0)
+    assert terms is not None
+    assert terms[0].memory.eta.tolist() == [1.2, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize("effect", [e for e in LIBRARY if e.belongs_to == "environment"],
                          ids=lambda e: f"{e.name}-{e.law}")  # fmt: skip
 def test_no_effect_of_the_library_gives_energy_or_a_wild_force(effect):
