@@ -23,6 +23,9 @@ units), time t [s]; `state` is the effect's own memory, advanced in place by dt 
 the shape parameters in the order of their declaration.
 """
 
+MOST_SHAPES = 6
+"""Shape parameters of one effect: a model message carries so many."""
+
 BelongsTo = Literal["environment", "rig"]
 Stage = Literal["kinematics", "material", "tool", "sensor"]
 Compensation = Literal["render", "subtract_force", "correct_position", "shift_time", "mask", "none"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.link.messages import MOST_EFFECTS, SHAPES
+from teleop_rt.contact.effect import MOST_SHAPES
+from teleop_rt.link.messages import MOST_EFFECTS
 
 StoredState = NDArray[np.record]
 StoredModel = NDArray[np.record]
@@ -23,7 +24,7 @@ _MOTION = np.dtype(
     + [("contact_id", "<u8")]
     + [(name, "u1") for name in ("engaged", "wall", "provisional", "faulted", "known")]
 )
-_EFFECT = np.dtype([("code", "<u4"), ("amplitude", "<f8"), ("shape", "<f8", (SHAPES,))])
+_EFFECT = np.dtype([("code", "<u4"), ("amplitude", "<f8"), ("shape", "<f8", (MOST_SHAPES,))])
 _MODEL = np.dtype(
     [("model_sequence", "<u8"), ("contact_id", "<u8"), ("model", "u1"), ("surface_known", "u1")]
     + [(name, "<f8") for name in ("surface", "k", "b", "n", "m", "offset", "force_std")]

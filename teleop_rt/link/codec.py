@@ -12,6 +12,7 @@ import math
 from struct import Struct
 
 from teleop_rt.config.trial import ModelId
+from teleop_rt.contact.effect import MOST_SHAPES
 from teleop_rt.link.messages import (
     MOST_EFFECTS,
     Header,
@@ -26,7 +27,7 @@ from teleop_rt.link.messages import (
 )
 
 MAGIC = b"TR"
-VERSION = 7
+VERSION = 8
 """Of the packets' layout; a peer of another version is refused."""
 
 WIRE_CODES: dict[ModelId, int] = {
@@ -41,7 +42,7 @@ MODEL_OF_CODE = {code: model for model, code in WIRE_CODES.items()}
 _HEADER = Struct("<2sBBQQqqq")
 _MOTION = Struct("<dddddQBBBB")
 _MODEL = Struct("<QQBBdddddddddB")
-_EFFECT = Struct("<Idddd")
+_EFFECT = Struct(f"<Id{MOST_SHAPES}d")
 _STATE = Struct("<dddddQBBBBB")
 _TAKEN = Struct("<32s")
 HEADER_BYTES, MOTION_BYTES, STATE_BYTES = _HEADER.size, _MOTION.size, _STATE.size
@@ -249,8 +250,7 @@ def _decode_model(body: bytes) -> ModelMessage:
 def _decode_effect(body: bytes, index: int) -> ModelEffect:
     code, amplitude, *shape = _EFFECT.unpack_from(body, _MODEL.size + index * _EFFECT.size)
     _require_finite(amplitude, *shape)
-    first, second, third = shape
-    return ModelEffect(code, amplitude, (first, second, third))
+    return ModelEffect(code, amplitude, tuple(shape))
 
 
 def _decode_taken(body: bytes) -> TakenOver:

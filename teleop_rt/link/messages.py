@@ -10,11 +10,10 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from teleop_rt.config.trial import ModelId
+from teleop_rt.contact.effect import MOST_SHAPES
 
 MOST_EFFECTS = 2
 """Effects of the environment beside a streamed model."""
-SHAPES = 3
-"""Shape parameters that an effect may have."""
 
 
 class MessageError(ValueError):
@@ -76,12 +75,12 @@ class MotionMessage(NamedTuple):
 class ModelEffect(NamedTuple):
     """An effect of the environment beside a model: which (`fitted.code_of`), how much, its shape.
 
-    Entries of `shape` (SHAPES,) that the effect does not have are 0.
+    Entries of `shape` (MOST_SHAPES,) that the effect does not have are 0.
     """
 
     code: int
     amplitude: float
-    shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shape: tuple[float, ...] = (0.0,) * MOST_SHAPES
 
 
 class ModelMessage(NamedTuple):

@@ -210,9 +210,7 @@ class RenderedEffects:
         key = (one.code, one.shape)
         if key not in self._memories:
             effect = self._known[one.code]
-            eta = np.zeros(max(1, len(effect.shapes)))
-            given = one.shape[: eta.size]
-            eta[: len(given)] = given  # a law reads as many as it has
+            eta = np.array(one.shape)  # a law reads as many as it has
             memory = EffectMemory(effect, eta, np.zeros(max(1, effect.state_size)))
             memory.tabulate(self._deepest, self._speed)
             self._memories = {key: memory} | {

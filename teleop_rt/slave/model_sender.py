@@ -9,13 +9,14 @@ from typing import cast
 import numpy as np
 
 from teleop_rt.config.link import LinkConfig
+from teleop_rt.contact.effect import MOST_SHAPES
 from teleop_rt.contact.fitted import code_of, slopes
 from teleop_rt.estimation import walls
 from teleop_rt.estimation.streamed import Matrix, Streaming
 from teleop_rt.kernels.jit import bound
 from teleop_rt.link.bodies import new_model
 from teleop_rt.link.channel import Endpoint
-from teleop_rt.link.messages import MOST_EFFECTS, SHAPES, Kind
+from teleop_rt.link.messages import MOST_EFFECTS, Kind
 from teleop_rt.slave import felt, sending
 from teleop_rt.slave.depth import LINEAR
 from teleop_rt.slave.record import TickRecord, place
@@ -79,9 +80,9 @@ class ModelSender:
 
     def _effects(self) -> Matrix:
         """Return codes and shapes of the effects, as many as a message has room for."""
-        effects = np.zeros((MOST_EFFECTS, 1 + SHAPES))
+        effects = np.zeros((MOST_EFFECTS, 1 + MOST_SHAPES))
         for row, one in zip(effects, self._streaming.effects, strict=False):
-            shape = one.eta[:SHAPES]
+            shape = one.eta[:MOST_SHAPES]
             row[0], row[1 : 1 + len(shape)] = code_of(one.effect), shape
         return effects
 

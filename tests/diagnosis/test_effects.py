@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 
+from teleop_rt.contact.effect import MOST_SHAPES
 from teleop_rt.contact.effects import LIBRARY, NAMES, find
 from teleop_rt.contact.effects.user import EffectError, load_file
 from teleop_rt.diagnosis.answers.answer import effect_entry
@@ -81,6 +82,10 @@ def test_a_sentence_names_only_parameters_of_its_effect() -> None:
     for effect in LIBRARY:
         names = {s.name for s in effect.shapes} | {effect.amplitude.name}
         effect.sentence.format(**dict.fromkeys(names, "1"))
+
+
+def test_a_message_has_room_for_the_shapes_of_every_effect() -> None:
+    assert max(len(effect.shapes) for effect in LIBRARY) <= MOST_SHAPES
 
 
 def test_a_maxwell_arm_relaxes_with_its_time_constant() -> None:
@@ -226,6 +231,7 @@ def test_a_user_file_is_used_again_by_another_process_and_after_a_change(tmp_pat
         (USER_FILE.replace("buried_grain", "hysteresis").replace("family", "law='plain', family"),
          "exists"),
         (USER_FILE + "EFFECTS *= 2", "exists"),
+        (USER_FILE.replace("shapes=(", "shapes=7 * ("), "has 7 shapes: declare at most 6"),
         (USER_FILE.replace('"stiffening"', '"stiffness"'), "family is 'stiffness': take .*'adhes"),
         (USER_FILE.replace('"environment"', '"body"'), "belongs_to is 'body'"),
         (USER_FILE.replace('"material"', '"matter"'), "stage is 'matter'"),

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.contact.effect import MOST_SHAPES
 from teleop_rt.contact.effects.user import library
 from teleop_rt.contact.fitted import code_of
 from teleop_rt.estimation.extension import extension_from
@@ -57,7 +58,7 @@ def test_the_example_is_estimated_on_line_beside_the_model(mine):
 
 def test_the_example_is_rendered_where_the_master_has_the_file_and_only_there(mine):
     effect = library(mine)[-1]
-    streamed = ModelEffect(code_of(effect), GRAIN, (DEPTH, 0.0, 0.0))
+    streamed = ModelEffect(code_of(effect), GRAIN, (DEPTH, *(MOST_SHAPES - 1) * (0.0,)))
     rendered = RenderedEffects(library(mine), 0.1, 1.5)
     terms = rendered.terms([streamed], 0.0)
     wall = wall_of(ModelMessage("kelvin-voigt", 1, 1, 0.0, k=3600.0, effects=(streamed,)), terms)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from teleop_rt.contact.effect import MOST_SHAPES
 from teleop_rt.link.codec import (
     HEADER_BYTES,
     WIRE_CODES,
@@ -32,7 +33,7 @@ U64 = st.integers(0, 2**64 - 1)
 I64 = st.integers(-(2**63), 2**63 - 1)
 U8 = st.integers(0, 255)
 EFFECTS = st.lists(
-    st.builds(ModelEffect, st.integers(0, 2**32 - 1), FINITE, st.tuples(FINITE, FINITE, FINITE)),
+    st.builds(ModelEffect, st.integers(0, 2**32 - 1), FINITE, st.tuples(*MOST_SHAPES * [FINITE])),
     max_size=2,
 ).map(tuple)
 MESSAGES = st.one_of(
@@ -112,7 +113,7 @@ def test_a_number_that_is_not_finite_is_refused_in_every_field(message, wild: fl
             decode(kind_of(message), encode(message._replace(**{name: wild})))
 
 
-@given(st.sampled_from(list(Kind)), st.binary(max_size=200))
+@given(st.sampled_from(list(Kind)), st.binary(max_size=400))
 def test_arbitrary_bytes_are_a_message_or_are_refused(kind: Kind, body: bytes) -> None:
     try:
         message = decode(kind, body)
@@ -150,7 +151,7 @@ def test_a_foreign_header_is_refused_with_its_reason(offset: int, value: int, re
 
 def test_the_layout_of_the_wire_is_fixed() -> None:
     assert encode_header(Header(Kind.MOTION, 1, 2, 3, 4, 5)) == struct.pack(
-        "<2sBBQQqqq", b"TR", 7, 3, 1, 2, 3, 4, 5
+        "<2sBBQQqqq", b"TR", 8, 3, 1, 2, 3, 4, 5
     )
     assert encode(SAMPLES[0]) == struct.pack(
         "<dddddQBBBB", 0.0137, 0.04, 0.0136, 1.5, 0.2, 3, 1, 1, 0, 1

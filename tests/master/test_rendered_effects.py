@@ -9,9 +9,11 @@ import pytest
 from master_world import CONFIG, World
 
 from teleop_rt.config.operator import ProfileOperator
+from teleop_rt.contact.effect import MOST_SHAPES
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.contact.fitted import code_of
-from teleop_rt.link.messages import ModelEffect, ModelMessage
+from teleop_rt.link.codec import decode, encode
+from teleop_rt.link.messages import Kind, ModelEffect, ModelMessage
 from teleop_rt.master.operators import Profile
 from teleop_rt.master.parts import TOUCH_SHARE
 from teleop_rt.master.passivity import Port
@@ -29,8 +31,8 @@ OPERATOR = ProfileOperator(
 
 
 def streamed(name, amplitude, *shape, law=""):
-    values = (*shape, 0.0, 0.0, 0.0)
-    return ModelEffect(code_of(find(name, law)), amplitude, values[:3])
+    values = (*shape, *MOST_SHAPES * (0.0,))
+    return ModelEffect(code_of(find(name, law)), amplitude, values[:MOST_SHAPES])
 
 
 STIFFENING = streamed("nonlinear_stiffening", 3e5, 2.0)
@@ -162,12 +164,21 @@ def test_the_position_of_a_force_is_where_all_springs_give_it():
     assert wall.elastic_force(position) == pytest.approx(60.0, rel=1e-6)
 
 
-def test_a_law_with_more_shapes_than_a_message_carries_reads_zeros_for_the_others():
+def test_a_law_of_six_shapes_reads_all_of_them_from_the_bytes_of_its_message():
+    shape = (1.2, 0.3, 2.2, 0.4, 0.5, 0.6)
     law = find("moving_surface", "beating")
-    rendered = RenderedEffects(LIBRARY, 0.02, 0.1)
-    terms = rendered.terms([streamed(law.name, 1e-3, 1.2, law=law.law)], 0.0)
+    sent = ModelMessage(
+        "kelvin-voigt",
+        1,
+        1,
+        0.0,
+        k=3600.0,
+        effects=(streamed(law.name, 1e-3, *shape, law=law.law),),
+    )
+    received = decode(Kind.MODEL, encode(sent))
+    terms = RenderedEffects(LIBRARY, 0.02, 0.1).terms(received.effects, 0.0)
     assert terms is not None
-    assert terms[0].memory.eta.tolist() == [1.2, 0.0, 0.0, 0.0, 0.0, 0.0]
+    assert terms[0].memory.eta.tolist() == list(shape)
 
 
 @pytest.mark.parametrize("effect", [e for e in LIBRARY if e.belongs_to == "environment"],
@@ -177,7 +188,9 @@ def test_no_effect_of_the_library_gives_energy_or_a_wild_force(effect):
     shape = [s.start * scales.get(s.relative_to, 1.0) for s in effect.shapes]
     size = {"{f}": 3.0, "{f}/{x}": 800.0, "{x}": 0.001, "{x}/s": 0.0005, "1": 0.1}
     amplitude = size.get(effect.amplitude.unit, 50.0)
-    streamed_effect = ModelEffect(code_of(effect), amplitude, (*shape, 0.0, 0.0, 0.0)[:3])
+    streamed_effect = ModelEffect(
+        code_of(effect), amplitude, (*shape, *MOST_SHAPES * (0.0,))[:MOST_SHAPES]
+    )
     world, _, _, force = felt(streamed_effect, ticks=1800)
     assert world.master.screening.refused == {}
     assert np.all(np.isfinite(force))

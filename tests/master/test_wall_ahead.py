@@ -7,6 +7,7 @@ import pytest
 from master_world import World
 
 from teleop_rt.config.operator import ProfileOperator
+from teleop_rt.contact.effect import MOST_SHAPES
 from teleop_rt.contact.effects import LIBRARY, find
 from teleop_rt.contact.fitted import code_of
 from teleop_rt.link.messages import ModelEffect, ModelMessage
@@ -16,7 +17,9 @@ PROFILE = ProfileOperator(
     kind="profile", approach_speed=0.04, mean=0.008, amplitude=0.005, frequency_hz=2.0,
     felt_force=0.5, lift_off_every_s=2.0, lift_off_height=0.004,
 )  # fmt: skip
-EFFECT = ModelEffect(code_of(find("nonlinear_stiffening", "")), 3e5, (2.0, 0.0, 0.0))
+EFFECT = ModelEffect(
+    code_of(find("nonlinear_stiffening", "")), 3e5, (2.0, *(MOST_SHAPES - 1) * (0.0,))
+)
 
 
 class Pressed:

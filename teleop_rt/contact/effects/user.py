@@ -11,6 +11,7 @@ from typing import get_args
 import numpy as np
 
 from teleop_rt.contact.effect import (
+    MOST_SHAPES,
     Acts,
     Amplitude,
     BelongsTo,
@@ -93,6 +94,11 @@ def checked(place: str, declared: object) -> tuple[Effect, ...]:
             )
         if (effect.name, effect.law) in taken:
             raise EffectError(f"{place}: {effect.name} ({effect.law}) exists: take another law")
+        if len(effect.shapes) > MOST_SHAPES:
+            raise EffectError(
+                f"{place}: {effect.name} has {len(effect.shapes)} shapes: declare at most"
+                f" {MOST_SHAPES}, the others as constants in the step"
+            )
         taken.add((effect.name, effect.law))
         _refuse_misspelt(place, effect)
         sound.append(_tried(place, effect))
