@@ -233,7 +233,8 @@ class Endpoint(ExpectedPackets):
             self._move_to(session, now_ns)
         self.transport.confirm_sender()
         session.address = self.transport.sender
-        sessions.accepted_ns = now_ns
+        if session is sessions.current:  # under its former keys a peer may not know these
+            sessions.accepted_ns = now_ns
         # A model is read before it counts as news; of the rest the kernel looks at the body.
         read = decode(Kind(kind), body) if kind in (_MODEL, _TAKEN) else None
         self._count_problem(

@@ -26,10 +26,11 @@ FORMER_NS = 30_000_000_000
 class Sessions:
     """The session that stands, None without one, and which others are still known.
 
-    `answerer` holds the handshakes granted and not yet confirmed. `accepted_ns` is when
-    the last packet of any was accepted [ns], `lost_before` how many packets the sessions before
-    `current` have lost. An end that is `called` notes a conversation that takes over another.
-    Before `ages_ns` there is nothing for `age` to do.
+    `answerer` holds the handshakes granted and not yet confirmed. `accepted_ns` is when the last
+    packet of `current` was accepted [ns], `lost_before` how many packets the sessions before it
+    have lost. A peer that goes on under the former keys alone may have forgotten its grant: it
+    counts as silent, so that the handshake is begun again. An end that is `called` notes a
+    conversation that takes over another. Before `ages_ns` there is nothing for `age` to do.
     """
 
     def __init__(

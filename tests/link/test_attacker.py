@@ -201,6 +201,16 @@ def test_a_welcome_withheld_for_minutes_does_not_keep_the_master_from_calling_ag
     attacker.teardown()
 
 
+def test_a_master_that_moved_to_keys_the_slave_has_forgotten_calls_again():
+    attacker = Attacker()
+    attacker.meet()
+    attacker.wait(111)
+    attacker.play_every_handshake_again("slave")
+    attacker.play_every_handshake_again("slave")
+    attacker.wait(19)
+    attacker.teardown()
+
+
 # Shrinking a history of thousands of packets takes minutes: only generated.
 TestAttacker.settings = settings(
     max_examples=15,
