@@ -177,3 +177,22 @@ def write_message(
     write_body(tick, new, effects, sending.sequence, bodies[0])
     sending.sent_ns = now_ns
     sending.models_sent += 1
+
+
+@kernel
+def look_and_write(
+    stored: StoredTick,
+    stored_sending: StoredSending,
+    walls: Matrix,
+    seen: Matrix,
+    effects: Matrix,
+    bodies: StoredModel,
+    position: float,
+    now_ns: int,
+    there: bool,
+) -> bool:
+    """Take in a look, and write the message of a wall to send; return whether there is one."""
+    if not look(stored, stored_sending, walls, seen, position, now_ns, there):
+        return False
+    write_message(stored, stored_sending, walls, effects, bodies, now_ns)
+    return True
