@@ -40,9 +40,9 @@ class Count:
 @pytest.mark.parametrize(
     ("effects", "fits", "predictions"),
     [
-        ((), 800, 450),
-        (("coulomb_friction",), 1320, 1080),
-        (("channel_delay", "force_bias"), 2300, 2900),
+        ((), 800, 430),
+        (("coulomb_friction",), 1320, 1060),
+        (("channel_delay", "force_bias"), 2300, 2820),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

@@ -29,19 +29,19 @@ Place = tuple[Vector, Vector | None]
 
 
 def screen_composed(
-    problem: Problem, fit: Fit, own: Matrix, slopes: Matrix, effect: Effect
+    problem: Problem, fit: Fit, here: Vector, own: Matrix, slopes: Matrix, effect: Effect
 ) -> list[Start]:
     """Screen an effect on position, time or the whole force by full linear fits.
 
-    They are made where the grid promises most. `slopes` are the derivatives by the fit's nonlinear
-    parameters. They stay free with and without the effect, because a fit between two jumps of a
-    contact could still gain by them.
+    They are made where the grid promises most. `here` is the force that the fit predicts, and
+    `slopes` are the derivatives by the fit's nonlinear parameters. They stay free with and without
+    the effect, because a fit between two jumps of a contact could still gain by them.
     """
     own_law = extended(fit.model, effect)
     best = Start(effect, fit.zeta, -np.inf, own_law)
     places: list[Place] = []
     for shape in points_of(problem, effect):
-        for amplitude in _amplitudes(problem, fit, own, effect, shape):
+        for amplitude in _amplitudes(problem, fit, here, own, effect, shape):
             added = np.concatenate([amplitude, shape])
             guess = _guess_near(fit, effect, added, problem.motion.scales["force"])
             zetas = _with_surfaces(problem, fit, own_law, np.concatenate([fit.zeta, added]))
@@ -49,7 +49,7 @@ def screen_composed(
     without = fit.chi2 - gain_of_slopes(fit, slopes)
     models = _clamps(problem, fit, own_law)
     if len(models) == 1 or effect.family != "delay":
-        places = _most_promising(problem, fit, own, own_law, places)
+        places = _most_promising(problem, fit, here, own, own_law, places)
     for model, (zeta, guess) in product(models, places):
         trial = problem.solve(model, zeta, guess)
         gain = without - (trial.chi2 - gain_of_slopes(trial, slopes))
@@ -59,7 +59,12 @@ def screen_composed(
 
 
 def _most_promising(
-    problem: Problem, fit: Fit, own: Matrix, model: CandidateModel, places: list[Place]
+    problem: Problem,
+    fit: Fit,
+    here: Vector,
+    own: Matrix,
+    model: CandidateModel,
+    places: list[Place],
 ) -> list[Place]:
     """Return the places at which the model with one more effect gains most, to first order.
 
@@ -70,7 +75,6 @@ def _most_promising(
     guessed = [(zeta, guess) for zeta, guess in places if guess is not None]
     if len(guessed) <= _SOLVED:
         return places
-    here = fit.force_on(problem.motion)
     change = [force_of(model, problem.motion, zeta, guess) - here for zeta, guess in guessed]
     rows = problem.whitener(np.array(change))
     free = rows - (rows @ own) @ own.T
@@ -124,7 +128,7 @@ def _clamps(problem: Problem, fit: Fit, model: CandidateModel) -> list[Candidate
 
 
 def _amplitudes(
-    problem: Problem, fit: Fit, own: Matrix, effect: Effect, shape: Vector
+    problem: Problem, fit: Fit, here: Vector, own: Matrix, effect: Effect, shape: Vector
 ) -> list[Vector]:
     """Return the amplitudes to screen: a grid, and the least-squares value by the derivative.
 
@@ -136,11 +140,9 @@ def _amplitudes(
     found = grid(effect.amplitude, problem.motion.scales)
     least, most = bounds(effect.amplitude, problem.motion.scales)
     tiny = 1e-3 * most
-    ends = [
-        force_of(model, problem.motion, np.concatenate([fit.zeta, *zeta]), fit.theta)
-        for model, zeta in ((fit.model, ()), (extended(fit.model, effect), ([tiny], shape)))
-    ]
-    row = problem.whitener((ends[1] - ends[0])[None, :] / tiny)[0]
+    zeta = np.concatenate([fit.zeta, [tiny], shape])
+    there = force_of(extended(fit.model, effect), problem.motion, zeta, fit.theta)
+    row = problem.whitener((there - here)[None, :] / tiny)[0]
     free = row - own @ (own.T @ row)
     linear = float(free @ fit.residual / max(float(free @ free), 1e-300))
     return [np.array([a]) for a in (*found, linear) if least <= a <= most and a != 0.0]

@@ -40,6 +40,7 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     own = tangent_space(problem, fit)
     # With an effect a parameter that its sign or bound holds may leave it.
     whole = orthonormal(np.concatenate([fit.columns, slopes])) if len(fit.columns) else own
+    here = fit.force_on(problem.motion)
     starts: list[Start] = []
     for effect in effects:
         if effect.acts == "adds_force":
@@ -48,7 +49,7 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
             starts += [screen_swing(problem, fit, own, e)
                        for e in localised(problem, fit, effect)]  # fmt: skip
         else:
-            starts += screen_composed(problem, fit, whole, slopes, effect)
+            starts += screen_composed(problem, fit, here, whole, slopes, effect)
     if fit.model.base.finds_surface:
         starts = _at_surfaces(problem, fit, slopes, starts)
     else:
