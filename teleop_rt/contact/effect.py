@@ -23,8 +23,8 @@ units), time t [s]; `state` is the effect's own memory, advanced in place by dt 
 the shape parameters in the order of their declaration.
 """
 
-MOST_SHAPES = 6
-"""Shape parameters of one effect: a model message carries so many."""
+MOST_SHAPES = 16
+"""Shape parameters of one effect: a drafted law has up to 11, and a model message carries all."""
 
 BelongsTo = Literal["environment", "rig"]
 Stage = Literal["kinematics", "material", "tool", "sensor"]

@@ -141,7 +141,7 @@ def replaces(walls: Matrix) -> bool:
 
 @kernel
 def write_body(tick: Tick, wall: Vector, effects: Matrix, sequence: int, body: Any) -> None:
-    """Write the body of a model's message; effects (MOST_EFFECTS, 1 + SHAPES): code, shape."""
+    """Write the body of a model's message; effects (MOST_EFFECTS, 1 + MOST_SHAPES): code, shape."""
     code = int(wall[MODEL])
     body.model_sequence, body.contact_id = sequence, tick.contact_id
     body.model, body.surface_known = _LINK_CODES[code], tick.surface_known
@@ -177,22 +177,3 @@ def write_message(
     write_body(tick, new, effects, sending.sequence, bodies[0])
     sending.sent_ns = now_ns
     sending.models_sent += 1
-
-
-@kernel
-def look_and_write(
-    stored: StoredTick,
-    stored_sending: StoredSending,
-    walls: Matrix,
-    seen: Matrix,
-    effects: Matrix,
-    bodies: StoredModel,
-    position: float,
-    now_ns: int,
-    there: bool,
-) -> bool:
-    """Take in a look, and write the message of a wall to send; return whether there is one."""
-    if not look(stored, stored_sending, walls, seen, position, now_ns, there):
-        return False
-    write_message(stored, stored_sending, walls, effects, bodies, now_ns)
-    return True

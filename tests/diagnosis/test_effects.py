@@ -231,7 +231,7 @@ def test_a_user_file_is_used_again_by_another_process_and_after_a_change(tmp_pat
         (USER_FILE.replace("buried_grain", "hysteresis").replace("family", "law='plain', family"),
          "exists"),
         (USER_FILE + "EFFECTS *= 2", "exists"),
-        (USER_FILE.replace("shapes=(", "shapes=7 * ("), "has 7 shapes: declare at most 6"),
+        (USER_FILE.replace("shapes=(", "shapes=17 * ("), "has 17 shapes: declare at most 16"),
         (USER_FILE.replace('"stiffening"', '"stiffness"'), "family is 'stiffness': take .*'adhes"),
         (USER_FILE.replace('"environment"', '"body"'), "belongs_to is 'body'"),
         (USER_FILE.replace('"material"', '"matter"'), "stage is 'matter'"),

@@ -178,7 +178,7 @@ def test_a_law_of_six_shapes_reads_all_of_them_from_the_bytes_of_its_message():
     received = decode(Kind.MODEL, encode(sent))
     terms = RenderedEffects(LIBRARY, 0.02, 0.1).terms(received.effects, 0.0)
     assert terms is not None
-    assert terms[0].memory.eta.tolist() == list(shape)
+    assert terms[0].memory.eta[:6].tolist() == list(shape)
 
 
 @pytest.mark.parametrize("effect", [e for e in LIBRARY if e.belongs_to == "environment"],
