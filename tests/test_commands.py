@@ -145,13 +145,6 @@ def test_what_runs_beside_the_loop_loads_neither_solvers_nor_drivers():
     assert modules.isdisjoint({*HEAVY, *DEVICES, "rich", "asyncio"})
 
 
-def test_the_report_of_a_long_run_loads_no_driver():
-    code = "import sys, teleop_rt.cli.reporting, teleop_rt.view.commands; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "teleop_rt.view.report" in done.stdout.split()
-    assert not any(name.startswith("teleop_rt_drivers") for name in done.stdout.split())
-
-
 A_SLAVE = """
 import sys, tempfile
 from pathlib import Path

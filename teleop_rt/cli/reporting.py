@@ -1,8 +1,4 @@
-"""Data computed for a report: a missing summary, and the felt force.
-
-Compilers and drivers are loaded only where they are used: not for a long run, of which every row
-is not read.
-"""
+"""Data computed for a report: a missing summary, and the felt force."""
 
 from __future__ import annotations
 
@@ -10,16 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from teleop_rt.cli.wiring import load_trial_file
 from teleop_rt.trial.felt_force import Columns, Felt, felt_force, read_truth, rows_to_compare
 from teleop_rt.trial.folder import TRIAL
+from teleop_rt.trial.rebuild import rebuilt_summary
+from teleop_rt_drivers.simulated.reference import environment_force
 
 
 def rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
     """Return the summary of a run that could not write its own."""
-    from teleop_rt.cli.wiring import load_trial_file  # noqa: PLC0415 - loads compilers, drivers
-    from teleop_rt.trial.rebuild import rebuilt_summary  # noqa: PLC0415 - as above
-    from teleop_rt_drivers.simulated.reference import environment_force  # noqa: PLC0415 - as above
-
     trial = load_trial_file(folder / TRIAL, None)
     reference = environment_force if trial.plant is not None else None
     return rebuilt_summary(folder, trial, slave, reference)
@@ -27,9 +22,6 @@ def rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
 
 def felt_of(folder: Path, slave: Columns, master: Columns) -> Felt | None:
     """Return the felt force of a run beside its true environment's; None where that is unknown."""
-    from teleop_rt.cli.wiring import load_trial_file  # noqa: PLC0415 - as above
-    from teleop_rt_drivers.simulated.reference import environment_force  # noqa: PLC0415 - as above
-
     trial = load_trial_file(folder / TRIAL, None)
     truth = read_truth(folder)
     rows = rows_to_compare(slave, master)

@@ -59,7 +59,7 @@ def _written(
     folders: Sequence[Path], out: Path | None, figures: Path | None, shown: Bar, *, compare: bool
 ) -> Iterator[Path]:
     """Write the requested page, then the figures; yield the path of each."""
-    from teleop_rt.cli.reporting import felt_of, rebuilt  # noqa: PLC0415 - as below
+    from teleop_rt.cli.reporting import felt_of, rebuilt  # noqa: PLC0415 - loads compilers, drivers
 
     try:
         from teleop_rt.view.commands import (  # noqa: PLC0415 - an extra may be absent

@@ -43,8 +43,7 @@ class TopicColumns:
         self._after = b""
         self._waiting: list[list[float | None]] = []
         self._columns: list[Rows] = []
-        self._block = np.empty((0, 0))
-        self._in_block = self._held = self._count = 0
+        self._held = self._count = 0
         self._step = 1
         while most is not None and expected > most * self._step:
             self._step *= 2
@@ -63,27 +62,21 @@ class TopicColumns:
         self._last = data[begin:end]
         if len(self._waiting) >= _BLOCK_ROWS:
             self._pack()
-        while self._most is not None and self._taken > self._most:
+        while self._most is not None and self._held + len(self._waiting) > self._most:
             self._thin()
 
     def _read(self, reader: RowReader, data: bytes, shown: Place) -> int:
         """Read rows by a kernel, up to one that it leaves; return how many."""
-        if self._waiting or self._in_block + len(shown) > self._block.shape[1]:
-            self._pack()
-            if len(shown) > self._block.shape[1]:
-                self._block = np.empty((len(self._names), max(_BLOCK_ROWS, len(shown))))
-        count = reader.read(data, shown, self._block, self._in_block)
-        self._in_block += count
+        rows = np.empty((len(self._names), len(shown)))
+        count = reader.read(data, shown, rows)
+        self._pack()
+        self._append(rows[:, :count])
         return count
-
-    @property
-    def _taken(self) -> int:
-        return self._held + self._in_block + len(self._waiting)
 
     @property
     def size_bytes(self) -> int:
         """Return how much memory the columns take."""
-        return self._taken * len(self._names) * _BYTES
+        return (self._held + len(self._waiting)) * len(self._names) * _BYTES
 
     def whole(self) -> dict[str, Rows]:
         """Return the columns."""
@@ -114,10 +107,7 @@ class TopicColumns:
             self._reader = RowReader(names, self._names)
 
     def _pack(self) -> None:
-        """Move the rows of the block into the columns, then those that wait: they came later."""
-        if self._in_block:
-            self._append(self._block[:, : self._in_block])
-            self._in_block = 0
+        """Move the waiting rows into the columns."""
         if self._waiting:
             shape = len(self._waiting), len(self._names)
             self._append(np.array(self._waiting, dtype=np.float64).reshape(shape).T)

@@ -14,8 +14,7 @@ from mcap.records import Channel, Statistics
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from teleop_rt.realtime.mcap_chunks import CUT_OFF
-from teleop_rt.realtime.mcap_records import RECORD_HEAD
+from teleop_rt.realtime.mcap_records import CUT_OFF, RECORD_HEAD
 from teleop_rt.realtime.parts import parts
 
 _FOOTER = struct.Struct("<BQQ")

@@ -12,19 +12,20 @@ import struct
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import IO, TYPE_CHECKING
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, Message, Metadata, Schema
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
-
-from teleop_rt.realtime.mcap_chunks import CHUNK, CUT_OFF, Raw, unpacked_ahead, unpacked_here
 
 if TYPE_CHECKING:
     from teleop_rt.realtime.chunk_kernel import MessageFinder
@@ -40,15 +41,22 @@ _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
 """The head of every record, and for a message also its channel and sequence."""
 _CHECKSUM = struct.Struct("<I")
+_CHUNK = struct.Struct("<QQQII")
+"""The head of a chunk: the stamps [ns] of its first message and of its last, the bytes of its
+records and their checksum, and the letters of how they are packed, which follow."""
+_COUNT = struct.Struct("<Q")
 _INDEX = struct.Struct("<HI")
 """Channel and bytes of an index, before its pairs of time and offset."""
 _HEADS_TYPE = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")]
 )
 """`_HEADS` for many records at once."""
+LONGEST_CHUNK = 64 << 20
+"""Bytes of an unpacked chunk; ours have a quarter of a megabyte, other writers' up to 4."""
 _BYTES_FOR_KERNEL = 64 << 20
 """Bytes of a file beyond which a kernel pays that finds messages in a tenth of the time, but loads
 for 0.5 s."""
+_AS_WE_PACK = b"zstd"
 _PAIR_BYTES = 16
 """A message's time and offset in an index."""
 _BEFORE_TEXT = RECORD_HEAD.size + _MESSAGE.size
@@ -58,6 +66,11 @@ _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
     Opcode.CHANNEL: Channel.read,
     Opcode.METADATA: Metadata.read,
 }
+CUT_OFF = (
+    McapError, struct.error, zstandard.ZstdError, EOFError, ValueError, OverflowError, MemoryError,
+    LookupError, RuntimeError,
+)  # fmt: skip
+"""Exceptions on reading a file that ends within a record, or contains impossible sizes."""
 
 
 @dataclass(slots=True)
@@ -80,28 +93,13 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
 
     Chunks whose messages are all stamped before `from_ns` are left out, with the channels that
     they declare. Raises EOFError where the file was cut off, and the library's errors for a
-    broken record or a checksum, of a chunk or of all, that is wrong; the place in the stream is
-    then where that was noticed.
+    broken record or a checksum, of a chunk or of all, that is wrong.
     """
     size = os.fstat(stream.fileno()).st_size
-    records = _records(stream, size, from_ns)
-    finder = _finder(size)
-    unpacked = unpacked_here if finder is None else unpacked_ahead
-    for record, data in unpacked(records):
-        try:
-            if record.opcode == Opcode.CHUNK:
-                yield from _found(data(), record.indices, finder)
-            else:
-                yield from _walk(record.head + record.content)
-        except CUT_OFF:
-            stream.seek(record.end)  # the file may have been read ahead
-            raise
-
-
-def _records(stream: IO[bytes], size: int, from_ns: float) -> Iterator[Raw]:
-    """Read the records of a file of so many bytes, those that `blocks` is asked for."""
     stream.seek(0)
     checksum = zlib.crc32(stream.read(len(MCAP0_MAGIC)))
+    decompressor = zstandard.ZstdDecompressor()
+    finder = _finder(size)
     while True:
         head = stream.read(RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
@@ -116,11 +114,11 @@ def _records(stream: IO[bytes], size: int, from_ns: float) -> Iterator[Raw]:
                 raise McapError("the checksum of the file is wrong")
             return
         checksum = zlib.crc32(content, zlib.crc32(head, checksum))
-        if opcode == Opcode.CHUNK and CHUNK.unpack_from(content)[1] >= from_ns:
+        if opcode == Opcode.CHUNK and _CHUNK.unpack_from(content)[1] >= from_ns:
             indices, checksum = _read_indices(stream, size, checksum)
-            yield Raw(opcode, head, content, indices, stream.tell())
+            yield from _found(unpack_chunk(content, decompressor), indices, finder)
         elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
-            yield Raw(opcode, head, content, [], stream.tell())
+            yield from _walk(head + content)
 
 
 def _read_indices(stream: IO[bytes], size: int, checksum: int) -> tuple[list[bytes], int]:
@@ -143,6 +141,47 @@ def ends_whole(stream: IO[bytes]) -> bool:
     length = len(MCAP0_MAGIC)
     stream.seek(-min(length, stream.seek(0, os.SEEK_END)), os.SEEK_END)
     return stream.read() == MCAP0_MAGIC
+
+
+def unpack_chunk(content: bytes, decompressor: zstandard.ZstdDecompressor) -> bytes:
+    """Return the records of a chunk; an error where it cannot be unpacked whole.
+
+    The size that a chunk states is believed only as far as its compression states the same:
+    a megabyte of zstd may hold terabytes. As we pack it, this is done here, with one decompressor
+    for all chunks, where the library makes one for each; other compressions are left to it.
+    """
+    *_, size, checksum, letters = _CHUNK.unpack_from(content)
+    if size > LONGEST_CHUNK:
+        raise McapError(f"a chunk of {size >> 20} MB")
+    packed_at = _CHUNK.size + letters
+    if content[_CHUNK.size : packed_at] != _AS_WE_PACK:
+        return _unpacked_otherwise(content)
+    (packed,) = _COUNT.unpack_from(content, packed_at)
+    first = packed_at + _COUNT.size
+    if first + packed > len(content):
+        raise EOFError
+    data = memoryview(content)[first : first + packed]
+    if zstandard.frame_content_size(data) not in (-1, size):  # -1 where the frame does not say
+        raise McapError("a chunk unpacks to another size than it states")
+    unpacked = decompressor.decompress(data, size)
+    if len(unpacked) != size:
+        raise McapError("a chunk unpacks to another size than it states")
+    if checksum not in (0, zlib.crc32(unpacked)):  # 0 by those who wrote none
+        raise McapError("the checksum of a chunk is wrong")
+    return unpacked
+
+
+def _unpacked_otherwise(content: bytes) -> bytes:
+    """Return the records of a chunk that is packed by lz4, or not at all."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+    if chunk.compression == "lz4":
+        unpacking = lz4.frame.LZ4FrameDecompressor()
+        data = unpacking.decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
+        chunk = replace(chunk, compression="", data=data)
+    opened, size = get_chunk_data_stream(chunk, validate_crc=True)
+    if size != chunk.uncompressed_size:
+        raise McapError("a chunk unpacks to another size than it states")
+    return opened.read(size)
 
 
 def _finder(size: int) -> MessageFinder | None:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Rows, TopicColumns
-from teleop_rt.realtime.mcap_chunks import CUT_OFF
 from teleop_rt.realtime.mcap_index import count_messages, declared_channels
 from teleop_rt.realtime.mcap_records import (
+    CUT_OFF,
     Messages,
     Other,
     Places,

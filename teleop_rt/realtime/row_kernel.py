@@ -158,16 +158,14 @@ def read_rows(
     parts: Whole,
     ends_place: int,
     rows: Rows,
-    to: int,
 ) -> int:
-    """Read rows that lie at these places (n, 3) into `rows` from place `to` on; return how many.
+    """Read rows that lie at these places (n, 3); return how many, up to one that is otherwise.
 
-    It ends before one that is otherwise. With `whole` the last key is that of the row's last value,
-    and the row ends there.
+    With `whole` the last key is that of the row's last value, and the row ends there.
     """
     for row in range(len(places)):
         begin, end = places[row, 0], places[row, 1]
-        at = read_row(data, base, begin, end, keys, ends, wanted, parts, ends_place, rows, to + row)
+        at = read_row(data, base, begin, end, keys, ends, wanted, parts, ends_place, rows, row)
         is_last = at == end - 1 and data[at] == _END
         goes_on = 0 < at < end and data[at] == _COMMA
         if not (is_last if whole else goes_on):
@@ -190,10 +188,10 @@ class RowReader:
         self._parts = np.zeros(4, np.int64)
         self._ends_place = self._parts[3:].ctypes.data
 
-    def read(self, data: bytes, places: Whole, rows: Rows, to: int) -> int:
-        """Read into the columns `rows` (names, rows) from `to` on; return how many were read."""
+    def read(self, data: bytes, places: Whole, rows: Rows) -> int:
+        """Read into the columns `rows` (names, rows); return how many rows were read."""
         text = np.frombuffer(data, np.uint8)
         return read_rows(
             text, text.ctypes.data, np.ascontiguousarray(places), self._whole, self._keys,
-            self._ends, self._wanted, self._parts, self._ends_place, rows, to,
+            self._ends, self._wanted, self._parts, self._ends_place, rows,
         )  # fmt: skip

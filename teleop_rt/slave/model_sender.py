@@ -73,9 +73,9 @@ class ModelSender:
         self._counts = stored.view(np.int64).data
         body = new_model()
         self._body = body.view(np.uint8).data
-        arrays = record.stored, stored, self._walls, self._seen, self._effects(), body
-        self._look = bound(sending.look_and_write, arrays, 0.0, 0, False)  # noqa: FBT003
-        self._has_effects = bool(streaming.effects)
+        arrays = record.stored, stored, self._walls
+        self._look = bound(sending.look, (*arrays, self._seen), 0.0, 0, False)  # noqa: FBT003
+        self._write = bound(sending.write_message, (*arrays, self._effects(), body), 0)
         self._ticks = 0
 
     def _effects(self) -> Matrix:
@@ -99,12 +99,12 @@ class ModelSender:
         streaming = self._streaming
         slot = self._ticks // _EVERY_TICKS % sending.WINDOW
         self._counts[_SLOT] = slot
-        if self._has_effects:
-            streaming.write_effects(self._terms, slot)
+        streaming.write_effects(self._terms, slot)
         there = self._write_wall() and self._endpoint.connected
-        if self._look(position, self._now_ns(), there):
-            if self._has_effects:
-                self._note_effects()
+        now_ns = self._now_ns()
+        if self._look(position, now_ns, there):
+            self._write(now_ns)
+            self._note_effects()
             self._endpoint.send_body(_KIND, self._body)
 
     def _note_effects(self) -> None:

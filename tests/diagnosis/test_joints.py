@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.diagnosis.diagnose import Diagnosis, diagnose
+from teleop_rt.diagnosis.models.in_series import BodyLoad, Joint, SpringDamper, press_in_series
 from teleop_rt.recordings.recording import from_arrays
 
 DT_S = 0.01
@@ -92,3 +93,39 @@ def test_a_joint_that_seats_behind_a_held_specimen_is_a_compliance(friction: flo
     assert sorted(answer["class"][0]) == truth
     assert answer["verdict"] in {"named", "class"}
     assert answer["error"]["after_over_floor"] < 1.25
+
+
+def stiffening_behind_a_spring(depth: np.ndarray, joint_n_m: float) -> np.ndarray:
+    """Return the force 1500 p + 60 p' + 4e7 p³ [N] of a body pressed by a sprung tool at p."""
+    h = T_S[1] - T_S[0]
+    p, force = 0.0, np.zeros(depth.size)
+    for i, here in enumerate(depth.tolist()):
+        if here <= 0.0:
+            p = 0.0
+            continue
+        # The tool moves by p' = (joint - spring)/60, in steps of 0.25 ms of its 7 ms and more.
+        p = max(0.0, p + h * (joint_n_m * (here - p) - 1500.0 * p - 4e7 * p**3) / 60.0)
+        force[i] = max(0.0, joint_n_m * (here - p))
+    return force
+
+
+def test_a_body_stiffens_by_the_depth_that_a_joint_leaves() -> None:
+    """By the depth of the drive it was a stiffening alone, at 1.25 times the noise."""
+    depth = 4.0 * SMOOTH_M + 1.5e-3
+    found = diagnosed(depth, stiffening_behind_a_spring(depth, 6000.0), 0.05, encoder_m=1e-6)
+    assert set(found.answer["class"][0]) == {"series_compliance", "nonlinear_stiffening"}
+    assert found.answer["error"]["after_over_floor"] < 1.1
+    values = {e["name"]: e["parameters"] for e in found.answer["effects"]}
+    assert values["series_compliance"]["compliance"]["value"] == pytest.approx(1 / 6000.0, rel=0.1)
+
+
+def test_a_joint_deflects_no_farther_than_the_drive_is_deep() -> None:
+    """A load that a law has at no depth would press the tool out of the body."""
+    x = np.linspace(1e-6, 1e-3, 200)
+    load = BodyLoad(np.full(x.size, 0.25), 0.0)
+    body, joint = SpringDamper(4e5, 1.85, 5e3, 1.85), Joint(4.4e-4, 1.9)
+    found = press_in_series(
+        x, np.full(x.size, 7e-3), body, joint, DT_S, load, clamped=True, slopes=True
+    )
+    assert np.all(np.isfinite(found))
+    assert np.all(4.4e-4 * found[0] / (1.0 + found[0] / 1.9) < x)

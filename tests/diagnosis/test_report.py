@@ -8,28 +8,19 @@ import pytest
 from teleop_rt.diagnosis.answers.extended import read
 from teleop_rt.diagnosis.answers.residuals import residuals_of
 from teleop_rt.diagnosis.diagnose import diagnose, narrowed
-from teleop_rt.diagnosis.inference.rounds import Diagnosis
-from teleop_rt.recordings.recording import Recording, from_arrays
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt_dev.diagnosis.plants import make
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 
-@pytest.fixture(scope="module")
-def rubbed() -> tuple[Recording, Diagnosis]:
-    """Return a recording with dry friction, whose name is markup, and its diagnosis."""
-    record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
-    recording = from_arrays("run <1>", record.t, record.position, record.force)
-    return recording, diagnose(recording, record.base, surface=0.0)
-
-
-def test_a_page_names_the_effect_with_figures_and_model(
-    rubbed: tuple[Recording, Diagnosis], tmp_path: Path
-) -> None:
+def test_a_page_names_the_effect_with_figures_and_model(tmp_path: Path) -> None:
     from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - needs the extra
 
-    recording, found = rubbed
+    record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
+    recording = from_arrays("run <1>", record.t, record.position, record.force)
+    found = diagnose(recording, record.base, surface=0.0)
     paths = write(found.answer, residuals_of(found, recording.units), tmp_path / "out")
     page = paths[0].read_text()
     assert "Dry friction of" in page
@@ -61,12 +52,12 @@ def test_a_page_names_outliers_which_explain_no_share_of_the_force(tmp_path: Pat
     assert again.answer["effects"] == found.answer["effects"]
 
 
-def test_a_doubted_name_is_marked_for_attention_and_a_mass_is_in_kg(
-    rubbed: tuple[Recording, Diagnosis], tmp_path: Path
-) -> None:
+def test_a_doubted_name_is_marked_for_attention_and_a_mass_is_in_kg(tmp_path: Path) -> None:
     from teleop_rt.view.diagnosis_page import write  # noqa: PLC0415 - needs the extra
 
-    recording, found = rubbed
+    record = make(31, ("coulomb_friction",), size=0.1, noise=0.01, seconds=5.0)
+    recording = from_arrays("run", record.t, record.position, record.force)
+    found = diagnose(recording, record.base, surface=0.0)
     left = residuals_of(found, recording.units)
 
     def page(**changed: object) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -121,23 +119,17 @@ def pressed(*, gap: bool = False) -> Recording:
     return from_arrays("pressed", t[kept], x[kept], force[kept])
 
 
-@functools.cache
-def answer_for_presses(surface: float | None = None) -> dict[str, Any]:
-    """Return the answer for such presses, which no test changes, with the stated surface [m]."""
-    return diagnose(pressed(), "kelvin-voigt", surface=surface).answer
-
-
 @pytest.mark.parametrize(("surface", "contradicted"), [(9e-3, True), (5.2e-3, False)])
 def test_a_given_surface_far_from_the_onset_of_force_is_contradicted(
     surface: float, contradicted: bool
 ) -> None:
-    notes = answer_for_presses(surface)["notes"]
+    notes = diagnose(pressed(), "kelvin-voigt", surface=surface).answer["notes"]
     assert any("the force begins at 0.005" in note for note in notes) == contradicted
 
 
 @pytest.mark.parametrize("surface", [2e-3, 9e-3])
 def test_no_effect_is_named_for_a_mistaken_surface(surface: float) -> None:
-    answer = answer_for_presses(surface)
+    answer = diagnose(pressed(), "kelvin-voigt", surface=surface).answer
     assert answer["verdict"] == "no_missing_effect"
     assert answer["base"]["parameters"]["surface"]["value"] == pytest.approx(5e-3, abs=1e-5)
     assert any("it was found instead" in note for note in answer["notes"])
@@ -178,7 +170,8 @@ def test_a_position_that_counts_away_from_the_body_is_said_to_be_turned(
 
 
 def test_errors_of_another_set_than_the_named_one_are_reported_as_such() -> None:
-    recording, answer = pressed(), answer_for_presses()
+    recording = pressed()
+    answer = diagnose(recording, "kelvin-voigt").answer
     named = {"verdict": "named", "effects": [{"name": "force_bias", "explains": 1.0}]}
 
     def said(predictor: list[str]) -> list[str]:
@@ -192,7 +185,8 @@ def test_errors_of_another_set_than_the_named_one_are_reported_as_such() -> None
 
 
 def test_effects_of_the_likelier_sets_of_a_part_are_said_to_be_possible() -> None:
-    recording, answer = pressed(), answer_for_presses()
+    recording = pressed()
+    answer = diagnose(recording, "kelvin-voigt").answer
     part = {"verdict": "partial", "class": [["coulomb_friction"]], "effects": []}
 
     def said(probability: dict[str, float]) -> list[str]:

@@ -148,26 +148,6 @@ def test_a_recording_that_a_crash_cut_off_is_read_without_a_word(tmp_path, capsy
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
-@pytest.mark.parametrize("cut_off", [False, True])
-def test_a_file_that_is_read_ahead_ends_at_the_same_damage(
-    share, cut_off, tmp_path, monkeypatch, capsys
-):
-    said, rows = [], []
-    for ahead in (False, True):
-        path = tmp_path / f"{ahead:d}.mcap"  # a name each: damage is said once
-        data = bytearray(recorded(path))
-        data[int(share * len(data))] ^= 0xFF
-        path.write_bytes(data[:-500] if cut_off else data)
-        with monkeypatch.context() as patch:
-            patch.setattr(mcap_records, "_BYTES_FOR_KERNEL", 0 if ahead else len(data))
-            rows.append(read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["tick"].tobytes())
-        said.append(capsys.readouterr().err.removeprefix(str(path)))
-    assert "damaged before byte" in said[0]
-    assert said[0] == said[1]
-    assert rows[0] == rows[1] != b""
-
-
 def test_a_jump_in_time_is_refused_before_memory_is_taken(tmp_path):
     time_s = np.arange(1000) * 1e-3
     time_s[500:] += 1e9

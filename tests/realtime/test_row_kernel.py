@@ -51,13 +51,11 @@ def laid_out(rows: list[bytes]) -> tuple[bytes, np.ndarray]:
     return data, np.array(places)
 
 
-def columns_of(
-    rows: list[bytes], wanted: list[str] | None, *, kernel: bool, at_once: int = 7
-) -> dict[str, bytes]:
-    """The columns of rows in blocks, as bytes: -0 and 0 are two numbers."""
+def columns_of(rows: list[bytes], wanted: list[str] | None, *, kernel: bool) -> dict[str, bytes]:
+    """The columns of rows in blocks of 7, as bytes: -0 and 0 are two numbers."""
     found = TopicColumns(wanted, None, columns_module._ROWS_FOR_KERNEL + 1 if kernel else 0, ROOM)
-    for begin in range(0, len(rows), at_once):
-        found.take(*laid_out(rows[begin : begin + at_once]))
+    for begin in range(0, len(rows), 7):
+        found.take(*laid_out(rows[begin : begin + 7]))
     assert (found._reader is not None) == kernel  # which way was taken shows nowhere else
     return {name: values.tobytes() for name, values in found.whole().items()}
 
@@ -96,7 +94,7 @@ def test_the_kernel_itself_reads_nearly_all():
     rows = [text_of([any_number(rng) for _ in NAMES]) for _ in range(200)]
     read, room = RowReader(NAMES, ["first", "last"]), np.zeros((2, 200))
     data, places = laid_out(rows)
-    assert read.read(data, places, room, 0) == 200
+    assert read.read(data, places, room) == 200
 
 
 @pytest.mark.parametrize(
@@ -108,7 +106,7 @@ def test_what_is_no_number_is_left(value, place):
     values[place] = value
     rows = [text_of(["2"] * len(NAMES)), text_of(values), text_of(["3"] * len(NAMES))]
     data, places = laid_out(rows)
-    assert RowReader(NAMES, NAMES).read(data, places, np.zeros((len(NAMES), 3)), 0) == 1
+    assert RowReader(NAMES, NAMES).read(data, places, np.zeros((len(NAMES), 3))) == 1
 
 
 @pytest.mark.parametrize(
@@ -118,20 +116,10 @@ def test_what_is_no_number_is_left(value, place):
 )  # fmt: skip
 def test_a_row_of_another_shape_is_left(row):
     reader = RowReader(("tick", "stamp_ns"), ("tick", "stamp_ns"))
-    assert reader.read(*laid_out([row]), np.zeros((2, 1)), 0) == 0
+    assert reader.read(*laid_out([row]), np.zeros((2, 1))) == 0
 
 
 def test_rows_that_are_left_keep_their_place():
     rows = [text_of([str(number)] * len(NAMES)) for number in range(30)]
     rows[11] = rows[11].replace(b'"first":11', b'"first": 11')
     assert columns_of(rows, None, kernel=True) == columns_of(rows, None, kernel=False)
-
-
-@pytest.mark.parametrize("at_once", [700, 3000])
-def test_rows_beyond_a_block_keep_their_order_around_those_that_are_left(at_once):
-    rows = [text_of([str(number)] * len(NAMES)) for number in range(6500)]
-    for left in (1399, 2047, 2048, 6400):
-        rows[left] = rows[left].replace(b'"first":', b'"first": ')
-    assert columns_of(rows, None, kernel=True, at_once=at_once) == columns_of(
-        rows, None, kernel=False, at_once=at_once
-    )

@@ -112,22 +112,45 @@ class Course:
         return np.array([cut for cut, (values, _) in rows for _ in values], dtype=bool)
 
     @cached_property
+    def carried(self) -> NDArray[np.bool_]:
+        """Which of the added columns act behind a joint."""
+        adding = [one for e, one in zip(self.model.effects, self.model.carried, strict=True)
+                  if e.acts == "adds_force"]  # fmt: skip
+        rows = zip(adding, self._additive, strict=True)
+        return np.array([one for one, (values, _) in rows for _ in values], dtype=bool)
+
+    def carried_rows(self, tool: Place) -> list[Vector]:
+        """Return the columns of the effects behind a joint, at the tool's place in the body."""
+        found = []
+        for effect, one, (_, eta) in zip(
+            self.model.effects, self.model.carried, self.parameters, strict=True
+        ):
+            if one:
+                found += self._rows(effect, tool, eta)
+        return found
+
+    def _rows(self, effect: Effect, place: Place, eta: Vector) -> list[Vector]:
+        """Return the columns of an effect that adds a force, at a place, with those of its past."""
+        model, motion = self.model, self.motion
+        values = _values(effect, motion, place, eta)
+        if model.past == "contacts":
+            values += _traces(effect, motion, eta)
+        elif model.past == "rest" and effect.fades:
+            values = [value - _first_press(effect, motion, place, eta) for value in values]
+        if effect.only_in_contact:
+            values = [np.where(touches(place.x), value, 0.0) for value in values]
+        return values
+
+    @cached_property
     def _additive(self) -> list[tuple[list[Vector], bool]]:
-        model, motion, felt, lag = self.model, self.motion, self.felt, self.lag
+        motion, felt, lag = self.motion, self.felt, self.lag
         own = Place(motion.x, motion.v, 0.0)
         found = []
-        for effect, (_, eta) in zip(model.effects, self.parameters, strict=True):
+        for effect, (_, eta) in zip(self.model.effects, self.parameters, strict=True):
             if effect.acts != "adds_force":
                 continue
             at_body = effect.stage == "material" or effect.only_in_contact
-            place = felt if at_body else own
-            values = _values(effect, motion, place, eta)
-            if model.past == "contacts":
-                values += _traces(effect, motion, eta)
-            elif model.past == "rest" and effect.fades:
-                values = [value - _first_press(effect, motion, place, eta) for value in values]
-            if effect.only_in_contact:
-                values = [np.where(touches(felt.x), value, 0.0) for value in values]
+            values = self._rows(effect, felt if at_body else own, eta)
             if lag and effect.stage != "sensor":
                 values = [late(value, lag / motion.dt) for value in values]
             found.append((values, effect.stage == "sensor"))

@@ -71,6 +71,12 @@ def _is_of_the_body(effect: Effect) -> bool:
     return material and effect.only_in_contact and effect.family != "adhesion"
 
 
+def _deforms(effect: Effect) -> bool:
+    """Return whether an effect is a force of the body by its own depth."""
+    material = effect.stage == "material" and effect.acts == "adds_force"
+    return material and effect.family not in {"adhesion", "periodic"}
+
+
 def phases(effect: Effect) -> bool:
     """Return whether two linear amplitudes at phases 0 and pi/2 represent the effect."""
     return any(s.phase for s in effect.shapes) and effect.acts == "adds_force"
@@ -162,6 +168,16 @@ class CandidateModel:
     def _of_the_body(self) -> tuple[bool, ...]:
         stiff = not any(effect.acts == "deflects" for effect in self.effects)
         return tuple(stiff and _is_of_the_body(effect) for effect in self.effects)
+
+    @cached_property
+    def carried(self) -> tuple[bool, ...]:
+        """Which effects a joint carries with the base: those of the body, which give way with it.
+
+        Adhesion lets go of the tool, and is evaluated at the depth of the drive.
+        """
+        springy = any(term.name == "k" for term in self.base.terms)
+        jointed = springy and any(effect.acts == "deflects" for effect in self.effects)
+        return tuple(jointed and _deforms(effect) for effect in self.effects)
 
     @property
     def size(self) -> int:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Acts, Effect, Matrix, Vector
+from teleop_rt.contact.effect import Acts, Effect, Vector
+from teleop_rt.diagnosis.models.behind_joint import force_behind, joint_of, linear_behind
 from teleop_rt.diagnosis.models.course import Course
-from teleop_rt.diagnosis.models.in_series import Joint, SpringDamper, press_in_series
 from teleop_rt.diagnosis.models.model import CandidateModel
 from teleop_rt.diagnosis.models.simulate import run_step
 from teleop_rt.diagnosis.samples.motion import RecordedMotion
@@ -63,7 +62,8 @@ def _tip_and_sensor(course: Course, theta: Vector) -> tuple[Vector, Vector]:
     """Return the force at the tip, and the force that acts in the sensor alone."""
     number = len(course.base)
     tip, sensed = _body_force(course, theta), np.zeros_like(course.moved.x)
-    rest = zip(theta[number:], course.added, course.behind, course.cut, strict=True)
+    inside = course.cut | course.carried
+    rest = zip(theta[number:], course.added, course.behind, inside, strict=True)
     for value, row, behind, cut in rest:
         if cut:
             continue
@@ -75,13 +75,10 @@ def _tip_and_sensor(course: Course, theta: Vector) -> tuple[Vector, Vector]:
 
 
 def _body_force(course: Course, theta: Vector) -> Vector:
-    """Return the force of the base, behind the compliances, with the effects that a clamp cuts."""
-    joints = _joints(course)
-    if joints:
-        base = Columns(np.zeros_like(course.moved.x), _clamped(course, theta)[0])
-        for joint in joints:
-            base = _pressed(course, base, joint, theta)
-        return base.sum(theta[: len(course.base)])
+    """Return the force of the base with the effects that a joint carries, or that a clamp cuts."""
+    if (joint := joint_of(course)) is not None:
+        rest = _clamped(course, theta)[0]
+        return force_behind(course, joint, theta).force + _other_terms(course, rest, theta)
     number = len(course.base)
     if course.model.clamp == "none":
         return np.asarray(theta[:number] @ course.base)
@@ -102,8 +99,9 @@ def columns(course: Course, guess: Vector | None) -> Columns:
     if guess is not None:
         base, added = _clamped(course, guess)
         found = found._replace(columns=base)
-        for joint in _joints(course):
-            found = _linear_in_series(course, found, joint, guess)
+        if (joint := joint_of(course)) is not None:
+            offset, base, added = linear_behind(course, joint, base, added, guess)
+            found = Columns(offset, base)
     behind = [False] * number + course.behind
     found = Columns(found.offset, [*found.columns, *added])
     if guess is not None:
@@ -169,61 +167,13 @@ def _acting(course: Course, acts: Acts) -> Iterator[tuple[Effect, Vector]]:
             yield effect, eta
 
 
-def _joints(course: Course) -> list[Joint]:
-    """Return the joints in series with the base's spring, if it has one."""
-    if "k" not in _names(course):
-        return []
-    return [
-        Joint(amplitude, float(eta[0]) if effect.shapes else inf)
-        for effect, (amplitude, eta) in zip(course.model.effects, course.parameters, strict=True)
-        if effect.acts == "deflects"
-    ]
-
-
-def _names(course: Course) -> list[str]:
-    return [term.name for term in course.model.base.terms]
-
-
-def _material(course: Course, theta: Vector) -> SpringDamper:
-    """Return the spring and damper of the base, with k > 0 and b >= 0."""
-    found = dict(zip(_names(course), theta.tolist(), strict=False))
-    n, q = (course.power, course.power) if course.model.base.has_power else (1.0, 0.0)
-    return SpringDamper(max(found["k"], 1e-9), n, max(found.get("b", 0.0), 0.0), q)
-
-
-def _press(course: Course, joint: Joint, material: SpringDamper, *, slopes: bool = False) -> Matrix:
-    """Return the force of the base's spring and damper behind a joint, perhaps with derivatives."""
-    base, moved, clamped = course.model.base, course.moved, course.model.clamp != "none"
-    speed = np.maximum(moved.v, 0.0) if base.name == "kelvin-voigt-unilateral" else moved.v
-    return press_in_series(
-        moved.x, speed, material, joint, moved.dt, clamped=clamped, slopes=slopes
-    )
-
-
-def _pressed(course: Course, base: Columns, joint: Joint, theta: Vector) -> Columns:
-    """Replace the columns of k and b by the force behind the joint, as the offset."""
-    names = _names(course)
-    rest = [
-        np.zeros_like(row) if name in {"k", "b"} else row
-        for name, row in zip(names, base.columns, strict=True)
-    ]
-    return Columns(_press(course, joint, _material(course, theta))[0], rest)
-
-
-def _linear_in_series(course: Course, base: Columns, joint: Joint, guess: Vector) -> Columns:
-    """Replace the columns of k and b by the derivatives of the force behind the joint.
-
-    The offset makes the linearisation exact at the guess.
-    """
-    names, rows = _names(course), list(base.columns)
-    material = _material(course, guess)
-    force, by_k, by_b = _press(course, joint, material, slopes=True)
-    rows[names.index("k")] = by_k
-    offset: Vector = force - material.k * by_k
-    if "b" in names:
-        rows[names.index("b")] = by_b
-        offset = offset - material.b * by_b
-    return Columns(offset, rows)
+def _other_terms(course: Course, rows: list[Vector], theta: Vector) -> Vector:
+    """Return the force of the base's terms beside its spring and damper."""
+    total = np.zeros_like(course.moved.x)
+    for term, row, value in zip(course.model.base.terms, rows, theta.tolist(), strict=False):
+        if term.name not in {"k", "b"}:
+            total += value * row
+    return total
 
 
 def _linear_in_slack(
