@@ -12,6 +12,7 @@ from teleop_rt_dev.diagnosis.foreign_motions import RATE_HZ, Array, movement
 
 H = 1.0 / RATE_HZ
 MARGIN_S = 0.5
+_PASSES = 8  # of force and depth behind a soft tool; each leaves a third of the error, or less
 Operation = Callable[[Array, float], Array]
 
 
@@ -43,14 +44,23 @@ class Rig:
         tip = self.x.copy()
         for operation, gain in self.moves:
             tip = operation(tip, gain)
-        force = self._bare(tip)
-        for operation, gain in self.material:
-            force = force + np.where(tip > 0.0, operation(tip, gain), 0.0)
+        force = self._body(tip)
         for operation, gain in self.tool:
             force = force + operation(self.x, gain)
         for operation, gain in self.channel:
             force = operation(force, gain)
         return force
+
+    def _body(self, tip: Array) -> Array:
+        """Return the force of the material with its effects, which a soft tool gives way to."""
+        more = np.zeros_like(tip)
+        for _ in range(_PASSES if self.soft > 0.0 and self.material else 1):
+            bare = self._bare(tip - self.soft * more)
+            place = tip - self.soft * (bare + more)
+            more = np.zeros_like(tip)
+            for operation, gain in self.material:
+                more = more + np.where(place > 0.0, operation(place, gain), 0.0)
+        return bare + more
 
     def _bare(self, tip: Array) -> Array:
         if self.soft > 0.0:

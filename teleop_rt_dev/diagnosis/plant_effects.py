@@ -87,7 +87,7 @@ def of_the_material(p: SyntheticPlant, effect: str, size: float) -> bool:
     else:
         return False
     row = np.where(contact, row, 0.0)
-    p.extra = p.extra + goal * row / float(np.std(row))
+    p.body = p.body + goal * row / float(np.std(row))
     return True
 
 

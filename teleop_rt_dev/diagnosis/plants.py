@@ -98,6 +98,7 @@ class SyntheticPlant:
         self.plain = _material(material, self.x, self.v)
         self.level = float(np.std(self.plain))
         self.tip = self.x.copy()
+        self.body = np.zeros_like(self.x)  # the force of effects that give way with the material
         self.extra = np.zeros_like(self.x)
         self.channel: list[tuple[str, float]] = []
         self.sensor = np.zeros_like(self.x)
@@ -112,11 +113,13 @@ class SyntheticPlant:
     def true_force(self) -> Array:
         """Return the reading of the force channel without noise, at 10 kHz."""
         moved = np.gradient(self.tip, H)
-        force = _material(self.material, self.tip, moved) + self.extra
+        force = _material(self.material, self.tip, moved) + self.body + self.extra
         for kind, value in self.channel:
             if kind == "series":
                 linear = self.base == "kelvin-voigt"
-                force = behind_spring(self.tip, self.k, self.b, self.n, linear, value) + self.extra
+                tip = self.tip - self.body / value  # the spring gives way under this force, too
+                force = behind_spring(tip, self.k, self.b, self.n, linear, value)
+                force = force + self.body + self.extra
             elif kind == "delay":
                 force = np.interp(self.t - value, self.t, force)
             elif kind == "lag":
