@@ -102,6 +102,14 @@ def test_new_files_overwrite_none_and_none_is_written(call, tmp_path):
     assert not (tmp_path / "mine" / "trials").exists()
 
 
+def test_a_full_disk_keeps_no_part_of_new_files(call, tmp_path, files_end_at):
+    files_end_at(1000)
+    code, out, err = call("new", "mine", "--trial", "silicone_cube")
+    assert (code, out) == (2, "")
+    assert "cannot be made or written: File too large: make room, or name another folder" in err
+    assert not (tmp_path / "mine").exists()
+
+
 def test_a_second_trial_comes_beside_the_first_and_shares_what_is_alike(call, tmp_path):
     assert call("new", "mine", "--trial", "silicone_cube")[0] == 0
     assert call("new", "mine", "--trial", "hidden_layer")[0] == 0

@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from teleop_rt.errors import ExpectedError
-from teleop_rt.outputs import refuse_existing
+from teleop_rt.outputs import refuse_existing, unwritable, whole_or_nothing, write_whole
 from teleop_rt.shipped import EXAMPLES, describe, example, example_names
 
 DEFAULT = "silicone_cube"
@@ -19,10 +18,6 @@ _SCHEMA = re.compile(r"\$schema=\.\./schema/([\w.]+)")
 """The line by which an editor finds the schema of a file; the schema is copied, too."""
 _RIG = re.compile(r"\.\./rigs/(\w+)\.yaml")
 """The line by which a shipped trial names its rig; a copy keeps both folders."""
-
-
-class NewFilesError(ExpectedError):
-    """The files cannot be written; the message names them and the next step."""
 
 
 def new(
@@ -60,7 +55,7 @@ def new(
         files[folder / "rigs" / named.name] = named.read_text(encoding="utf-8")
     for name in sorted({name for text in files.values() for name in _SCHEMA.findall(text)}):
         files[folder / "schema" / name] = (EXAMPLES / "schema" / name).read_text(encoding="utf-8")
-    _write(files)
+    _write(files, folder)
     print(*files, sep="\n")
     print(f"next: teleop-rt check {next(iter(files))}, then run it")
 
@@ -73,21 +68,20 @@ def _ask(kind: str, default: str) -> str:
     return answer.strip()
 
 
-def _write(files: Mapping[Path, str]) -> None:
-    """Write files that are not there yet, or none of them. Raises OutputError, NewFilesError.
+def _write(files: Mapping[Path, str], folder: Path) -> None:
+    """Write files below a folder that are not there yet, or none of them. Raises OutputError.
 
     A file that exists with the same text is kept: a second trial shares its rig with the first.
     """
     missing = {path: text for path, text in files.items() if not _stands(path, text)}
     refuse_existing(missing or files, "name another folder")
-    for path, text in missing.items():
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise NewFilesError(
-                f"{path}: cannot be written: {error.strerror}: name another folder"
-            ) from None
+    with whole_or_nothing(folder):
+        for path, text in missing.items():
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_whole(path, text)
+            except OSError as error:
+                raise unwritable(path, error, "name another folder") from None
 
 
 def _stands(path: Path, text: str) -> bool:
