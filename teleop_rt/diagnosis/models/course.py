@@ -106,15 +106,16 @@ class Course:
     @cached_property
     def cut(self) -> NDArray[np.bool_]:
         """Which of the added columns a clamp cuts with the base's."""
-        adding = [c for e, c in zip(self.model.effects, self.model.cut, strict=True)
-                  if e.acts == "adds_force"]  # fmt: skip
-        rows = zip(adding, self._additive, strict=True)
-        return np.array([cut for cut, (values, _) in rows for _ in values], dtype=bool)
+        return self._columns_of(self.model.cut)
 
     @cached_property
     def carried(self) -> NDArray[np.bool_]:
         """Which of the added columns act behind a joint."""
-        adding = [one for e, one in zip(self.model.effects, self.model.carried, strict=True)
+        return self._columns_of(self.model.carried)
+
+    def _columns_of(self, chosen: tuple[bool, ...]) -> NDArray[np.bool_]:
+        """Return which of the added columns belong to the chosen of the model's effects."""
+        adding = [one for e, one in zip(self.model.effects, chosen, strict=True)
                   if e.acts == "adds_force"]  # fmt: skip
         rows = zip(adding, self._additive, strict=True)
         return np.array([one for one, (values, _) in rows for _ in values], dtype=bool)
