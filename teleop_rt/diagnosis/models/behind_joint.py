@@ -49,16 +49,17 @@ def joint_of(course: Course) -> Joint | None:
 
 
 def force_behind(course: Course, joint: Joint, theta: Vector) -> Behind:
-    """Return the force of base and body at linear parameters."""
-    found = Behind(_press(course, joint, _material(course, theta), NO_LOAD)[0], [], NO_LOAD)
+    """Return the force of base and body at linear parameters `theta`, in the model's order."""
+    material = _material(course, theta)
+    found = Behind(_press(course, joint, material, NO_LOAD)[0], [], NO_LOAD)
     carried = np.append(np.zeros(len(course.base), dtype=bool), course.carried)
     if not np.any(carried):
         return found
     for _ in range(_MOST_PASSES):
         depth = _tool(course, joint, found.force)
         rows = course.carried_rows(depth)
-        load = _load(theta[carried], rows, depth, float(_material(course, theta).k))
-        force = _press(course, joint, _material(course, theta), load)[0]
+        load = _load(theta[carried], rows, depth, material.k)
+        force = _press(course, joint, material, load)[0]
         change = float(np.max(np.abs(force - found.force)))
         found = Behind(force, rows, load)
         if change <= _SETTLED * float(np.max(np.abs(force))):
@@ -92,14 +93,17 @@ def linear_behind(
 
 
 def _tool(course: Course, joint: Joint, force: Vector) -> Place:
-    """Return depth and velocity of the tool, behind the deflection under the force."""
+    """Return depth and velocity of the tool, behind the deflection under `force` (samples,) [f]."""
     moved = course.moved
     bent = joint.compliance * force / (1.0 + np.abs(force) / joint.seated)
     return Place(moved.x - bent, moved.v - rate_of(bent, moved.dt), None)
 
 
 def _load(theta: Vector, rows: list[Vector], depth: Place, stiffness: float) -> BodyLoad:
-    """Return the effects' force at a depth, with the spring that it is on average."""
+    """Return the effects' force at a depth, with its least-squares spring through the origin.
+
+    `rows` are the columns (samples,) of the effects, `stiffness` is the base's [f/x].
+    """
     force: Vector = theta @ np.array(rows)
     pressed = np.maximum(depth.x, 0.0)
     spring = float(force @ pressed) / max(float(pressed @ pressed), 1e-300)
