@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cases import cases
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.samples.held import is_held, is_left
 from teleop_rt.recordings.recording import Recording, from_arrays
@@ -63,6 +64,24 @@ def test_a_place_given_in_the_middle_of_a_bolted_body_is_its_rest() -> None:
     ]  # fmt: skip
     assert {found.base.model.base.name for found in (plain, rubbed, stiff)} == {"spring,viscous"}
     assert any("about that place" in note for note in plain.answer["notes"])
+
+
+@pytest.mark.parametrize("effect", ["channel_delay", "second_layer", "periodic_disturbance"])
+def test_no_return_spring_takes_the_place_of_a_bolted_bodys_own(effect: str) -> None:
+    """It was named alone, or beside the effect, and the base's spring only pushed."""
+    v = np.gradient(X_M, DT_S)
+    force = 350.0 * X_M + 5.0 * v
+    if effect == "channel_delay":
+        force = np.interp(T_S - 0.01, T_S, force)
+    elif effect == "second_layer":
+        force = 700.0 * np.where(X_M > 0.0, X_M, 0.4 * X_M) + v
+    else:
+        force += 0.3 * np.sin(2.0 * np.pi * 7.3 * T_S)
+    names = {effect, "return_spring", "viscous_friction"}
+    tried = tuple(one for one in LIBRARY if one.name in names)
+    found = diagnose(recorded(force), surface=0.0, effects=tried)
+    assert found.answer["class"] == [[effect]]
+    assert found.base.model.base.name == "spring,viscous"
 
 
 @pytest.mark.parametrize("force", ["a spring of the rig", "adhesion"])
