@@ -9,6 +9,7 @@ import pytest
 from cases import cases
 from numpy.typing import NDArray
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.recordings.recording import Recording, from_arrays
 
@@ -80,6 +81,25 @@ def test_a_third_name_is_not_given_to_an_unknown_force() -> None:
     assert (
         answer["verdict"] in {"partial", "unexplained"} or answer["error"]["after_over_floor"] > 2
     )
+
+
+@pytest.mark.parametrize("seed", cases(3, 7, 12))
+def test_a_third_name_is_not_given_to_a_part_of_an_unknown_force(seed: int) -> None:
+    """A dry friction beside bias and viscous friction took most of a force by place and turn."""
+    rng, t = np.random.default_rng(seed), DT_S * np.arange(4000)
+    rates = 2.0 * np.pi * np.array([0.4, 0.9, 1.9, 3.3]) * rng.uniform(0.93, 1.07, 4)
+    sizes = np.array([0.15, 0.08, 0.03, 0.01])
+    turns = np.outer(rates, t) + rng.uniform(0.0, 2.0 * np.pi, 4)[:, None]
+    x, v = sizes @ np.sin(turns), (sizes * rates) @ np.cos(turns)
+    a = -(sizes * rates**2) @ np.sin(turns)
+    unknown = x**2 * np.where(v > 0.0, 1.0, -0.5)
+    force = 0.02 * a + 0.3 * v + 1.0 + 0.1 * unknown / np.std(unknown)
+    force += 0.005 * np.random.default_rng(seed).standard_normal(t.size)
+    tried = {"force_bias", "viscous_friction", "coulomb_friction"}
+    effects = tuple(effect for effect in LIBRARY if effect.name in tried)
+    answer = diagnose(from_arrays("drive", t, x, force), "mass", effects=effects).answer
+    assert {e["name"] for e in answer["effects"]} <= {"force_bias", "viscous_friction"}
+    assert max(answer["probability"].values(), default=0.0) <= 0.7
 
 
 def test_a_tone_a_bias_and_a_friction_are_named_together() -> None:
