@@ -127,3 +127,17 @@ def test_a_weight_on_a_crank_shows_in_free_air_and_is_named(seed: int) -> None:
         from_arrays("crank", t, position, force), "hunt-crossley", surface=0.07
     ).answer
     assert answer["class"][0] == ["return_spring"]  # the likest of the declared laws
+
+
+@pytest.mark.parametrize("seed", cases(1, 4, 8))
+def test_a_swing_that_follows_slow_noise_of_the_contact_is_not_named(seed: int) -> None:
+    """A moving surface kept less than half of its gain on blocks, and was partly named."""
+    rng, t = np.random.default_rng(seed), np.arange(4000) / 400.0
+    x = 2e-3 * np.sin(2.0 * np.pi * 0.4 * t + rng.uniform(0.0, 6.0)) + 1e-3
+    x += 8e-4 * np.sin(2.0 * np.pi * 1.3 * t + rng.uniform(0.0, 6.0))
+    force = np.maximum(2000.0 * x + 20.0 * np.gradient(x, t), 0.0) * (x > 0.0)
+    slow = lfilter([1.0], [1.0, -0.99], rng.standard_normal(t.size) * (x > 0.0)) * (x > 0.0)
+    force += 0.4 * slow / np.std(slow) + 0.02 * rng.standard_normal(t.size)
+    moving = tuple(effect for effect in LIBRARY if effect.name == "moving_surface")
+    answer = diagnose(from_arrays("slow", t, x, force), surface=0.0, effects=moving).answer
+    assert (answer["verdict"], answer["class"]) == ("unexplained", [])
