@@ -72,3 +72,21 @@ def test_a_soft_sphere_that_adheres_is_adhesion_with_its_pull_off_force() -> Non
     found = answer["effects"][0]["parameters"]["pull_off_force"]["value"]
     assert abs(found / (1.5 * np.pi * 2e-5 * 0.13) - 1.0) < 0.05
     assert answer["error"]["after_over_floor"] < 1.1
+
+
+@pytest.mark.parametrize("tail", ["a magnet's", "van der Waals'"])
+def test_an_attraction_that_acts_before_the_touch_is_adhesion(tail: str) -> None:
+    """It has no memory: it pulls as much on approach as on withdrawal, so no bridge fits it."""
+    t = np.arange(0.0, 12.0, DT)
+    x = 4e-3 * np.sin(2 * np.pi * 0.47 * t - 1.0) + 1.5e-3 * np.sin(2 * np.pi * 1.3 * t)
+    gap = np.maximum(-x, 0.0)
+    pull = np.exp(-gap / 1e-3) if tail == "a magnet's" else (1.0 + gap / 6e-4) ** -2
+    v = np.gradient(x, DT)
+    force = np.where(x > 0.0, 900.0 * x + np.where(v > 0.0, 12.0, 4.0) * v, 0.0) - 0.5 * pull
+    force += NOISE_N * np.random.default_rng(11).standard_normal(t.size)
+    answer = diagnose(from_arrays("magnet", t, x, force), "kelvin-voigt").answer
+    (named,) = answer["class"]
+    assert {*named} == {"direction_dependent_damping", "adhesion"}
+    assert answer["error"]["after_over_floor"] < 1.05
+    (adhesion,) = (e for e in answer["effects"] if e["name"] == "adhesion")
+    assert adhesion["parameters"]["pull_off_force"]["value"] == pytest.approx(0.5, rel=0.05)

@@ -1,4 +1,4 @@
-"""Adhesion: the surface pulls the tool back; six laws of one effect of the material."""
+"""Adhesion: the surface pulls the tool; seven laws of one effect of the material."""
 
 from __future__ import annotations
 
@@ -53,6 +53,19 @@ def _attraction(
     """
     _touch(state, x, eta[0])
     return float(-state[0] * (1.0 - min(max(-x, 0.0) / eta[0], 1.0)) ** eta[1])
+
+
+@kernel
+def _distance(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Pull the tool in a contact, and outside less with its distance, on both ways.
+
+    The tail (1 + gap / (power range))^-power is van der Waals' at a power of 2 (Derjaguin, Muller
+    and Toporov 1975), and nearly exponential at the largest, as of a magnet.
+    """
+    gap = max(-x, 0.0)
+    return float(-((1.0 + gap / (eta[1] * eta[0])) ** -eta[1]))
 
 
 @kernel
@@ -135,6 +148,7 @@ def _law(law: str, step: StepFunction, where: str, *shapes: Shape) -> Effect:
 
 _SHARP = Shape("power", "1", 0.5, 3.0, 1.0, logarithmic=True, points=2)
 _NECK = Shape("power", "1", 0.7, 5.0, 1.0, logarithmic=True, points=2)
+_TAIL = Shape("power", "1", 1.0, 30.0, 3.0, reciprocal=True, points=2, ideal="upper")
 _ROUND = Shape("power", "1", 0.7, 3.0, 1.5, logarithmic=True, points=1)
 _RISE = Shape("rise", "1", 0.3, 2.0, 1.0, logarithmic=True, points=1)
 _FALL = Shape("fall", "1", 0.02, 2.0, 0.3, logarithmic=True, points=2)
@@ -142,6 +156,7 @@ EFFECTS = (
     _law("bridge", _bridge, "within {range} after a contact.", _SHARP),
     _law("neck", _neck, "where a neck is stretched, up to {range}, after a contact.", _RISE, _FALL),
     _law("in contact and after", _attraction, "in contact and within {range} after it.", _NECK),
+    _law("at a distance", _distance, "in contact, and less at {range} from it.", _TAIL),
     _law("near the surface", _bond, "within {range} on both of its sides.", _ROUND),
     _law("of a soft sphere", _soft_sphere, "as a soft sphere does (JKR), to {range} after it."),
     _law("on withdrawal", _sticking_withdrawal, "within {range} on withdrawal."),
