@@ -79,6 +79,17 @@ def test_a_clamp_has_settled_once_the_same_samples_pull() -> None:
     assert not settled(course, np.array([2000.0, 20.0]), np.array([1000.0, 10.0]))
 
 
+@pytest.mark.parametrize("damping", [1e18, 1e24])
+def test_a_body_too_stiff_for_its_joint_gets_a_finite_force(damping: float) -> None:
+    """Passes of depth and force diverge there: their numbers overflowed."""
+    motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
+    effects = (find("hunt_crossley"), find("series_compliance"))
+    model = CandidateModel(base_of("hunt-crossley"), effects)
+    zeta, theta = np.array([1.5, 1.83, 1e-4]), np.array([0.0, 5e4, damping])
+    assert np.all(np.isfinite(force_of(model, motion, zeta, theta)))
+    assert np.all(np.isfinite(columns(Course.of(model, motion, zeta), theta).offset))
+
+
 def test_a_relaxed_body_releases_the_tool_before_its_spring_would() -> None:
     motion = RecordedMotion(T, X, V, np.gradient(V, DT), DT, SCALES)
     model = CandidateModel(

@@ -26,6 +26,7 @@ from teleop_rt.diagnosis.models.simulate import rate_of
 
 _MOST_PASSES = 6  # of depth and force; each leaves a fifth of the error, or less
 _SETTLED = 1e-4  # of the largest force; passes end when they change it by less
+_RUNAWAY = 10.0  # times the force; passes that change it by more diverge, and the last one stays
 _LEAST_SPRING = -0.8  # of the base's stiffness; a load that falls faster with the depth lets go
 _STEP = 1e-3  # of the recording's largest force: step of a load, whose difference is its column
 
@@ -61,6 +62,8 @@ def force_behind(course: Course, joint: Joint, theta: Vector) -> Behind:
         load = _load(theta[carried], rows, depth, material.k)
         force = _press(course, joint, material, load)[0]
         change = float(np.max(np.abs(force - found.force)))
+        if found.added and not change <= _RUNAWAY * float(np.max(np.abs(found.force))):
+            break
         found = Behind(force, rows, load)
         if change <= _SETTLED * float(np.max(np.abs(force))):
             break
