@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
@@ -73,3 +74,25 @@ def test_a_layer_that_begins_gradually_leaves_noise_alone_beside_a_dry_guide() -
     assert abs(layer_found["parameters"]["depth"]["value"] - 0.0042) < 2e-4
     assert layer_found["law"] == "gradual"
     assert answer["error"]["after_over_floor"] < 1.02
+
+
+@pytest.mark.parametrize("spread_m", [1e-6, 1e-4])
+@pytest.mark.parametrize(("base", "power"), [("kelvin-voigt", 1.0), ("hunt-crossley", 1.5)])
+def test_a_softer_body_below_a_crust_is_a_second_layer(
+    base: str, power: float, spread_m: float
+) -> None:
+    t = 2e-3 * np.arange(6000)
+    x = 1e-3 + 2.2e-3 * np.sin(2 * np.pi * 0.31 * t - 1.2) + 1.2e-3 * np.sin(2 * np.pi * 0.83 * t)
+    depth = np.maximum(x, 0.0)
+    inner = spread_m * np.logaddexp(0.0, (x - 1.5e-3) / spread_m)
+    dragged = (
+        8.0 * np.gradient(x, 2e-3) * (depth / 2e-3) ** (power if power > 1.0 else 0.0) * (x > 0.0)
+    )
+    force = 1500.0 * depth * (depth / 4e-3) ** (power - 1.0) + dragged - 600.0 * inner
+    force += 0.02 * np.random.default_rng(5).standard_normal(t.size)
+    answer = diagnose(from_arrays("crust", t, x, force), base).answer
+    assert answer["class"] == [["second_layer"]]
+    assert answer["error"]["after_over_floor"] < 1.02
+    found = answer["effects"][0]["parameters"]
+    assert found["depth"]["value"] == pytest.approx(1.5e-3, rel=0.01)
+    assert found["layer_stiffness"]["value"] == pytest.approx(600.0, rel=0.02)

@@ -34,6 +34,13 @@ def _gradually_beyond(
 
 
 @kernel
+def _softer_beyond(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return -_gradually_beyond(state, x, v, a, t, dt, eta)
+
+
+@kernel
 def _beyond_on_both_sides(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -66,6 +73,33 @@ def _beyond_by_power(
 
 
 _LAYER_DEPTH = Shape("depth", "{x}", 0.05, 0.98, 0.5, relative_to="travel", points=20)
+_GRADUAL = Effect(
+    name="second_layer",
+    law="gradual",  # an interface of two tissues is no plane
+    family="stiffening",
+    belongs_to="environment",
+    stage="material",
+    amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
+    shapes=(
+        _LAYER_DEPTH,
+        # Spread by more it is a body that stiffens all along.
+        Shape(
+            "spread",
+            "{x}",
+            5e-3,
+            0.06,
+            0.03,
+            logarithmic=True,
+            relative_to="travel",
+            points=3,
+            ideal="lower",
+        ),
+    ),
+    step=_gradually_beyond,
+    sentence="Below {depth}, within {spread}, a second layer adds {layer_stiffness}.",
+    compensation="render",
+    extends="",
+)
 _HELD_LAYER = Effect(
     name="second_layer",
     law=WITHOUT_CONTACT,  # from beyond the stroke on one side alone
@@ -107,32 +141,13 @@ EFFECTS = (
         compensation="render",
         extends="",
     ),
-    Effect(
-        name="second_layer",
-        law="gradual",  # an interface of two tissues is no plane
-        family="stiffening",
-        belongs_to="environment",
-        stage="material",
-        amplitude=Amplitude("layer_stiffness", "{f}/{x}", nonnegative=True),
-        shapes=(
-            _LAYER_DEPTH,
-            # Spread by more it is a body that stiffens all along.
-            Shape(
-                "spread",
-                "{x}",
-                5e-3,
-                0.06,
-                0.03,
-                logarithmic=True,
-                relative_to="travel",
-                points=3,
-                ideal="lower",
-            ),
-        ),
-        step=_gradually_beyond,
-        sentence="Below {depth}, within {spread}, a second layer adds {layer_stiffness}.",
-        compensation="render",
-        extends="",
+    _GRADUAL,
+    replace(
+        _GRADUAL,
+        law="softer",  # fat below a skin, or a foam below a crust
+        step=_softer_beyond,
+        sentence="Below {depth}, within {spread}, a second layer is softer by {layer_stiffness}.",
+        extends=None,
     ),
     Effect(
         name="second_layer",
