@@ -26,13 +26,14 @@ def of_motion(found: Vector, motion: RecordedMotion) -> bool:
     """Return whether the samples found follow the motion, as the impacts of a play do.
 
     Errors of a channel do not depend on depth, speed or acceleration, so their samples have the
-    same distribution as all others (Kolmogorov and Smirnov).
+    same distribution as all others (Kolmogorov and Smirnov). Samples of one burst are one event.
     """
     hit = found > 0.0
-    if len(stretches(hit)) < _FEWEST_BURSTS:
+    bursts = np.array([first for first, _ in stretches(hit)], dtype=np.int64)
+    if bursts.size < _FEWEST_BURSTS:
         return False
     chances = [
-        chance_of_one_source(row[hit], row[~hit])
+        chance_of_one_source(row[bursts], row[~hit])
         for row in (motion.x, motion.v, np.abs(motion.v), np.abs(motion.a))
     ]
     return min(chances) < _LEAST_P_VALUE
