@@ -200,7 +200,10 @@ def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(
             "wrong sign.*in free air",
         ),
         (lambda d: d | {"position_m": 1e3 * d["position_m"]}, "wrong unit.*position=mm"),
-        (lambda d: d | {"force_N": 1500 * d["force_N"]}, "wrong unit.*3e\\+06"),
+        (
+            lambda d: d | {"force_N": 1500 * d["force_N"]},
+            "wrong unit.*3e\\+06.*right.*--units force=N",
+        ),
         (lambda d: d | {"position_m": 0.01 + 1e-6 * (np.arange(N) % 2)}, "no excitation"),
     ],
 )

@@ -9,6 +9,7 @@ from teleop_rt.recordings.recording import Recording
 
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
 _STIFFEST_STATED_N_PER_M = 1e9  # N/m; nor is anything in a testing machine, whose units are known
+_STATE_UNITS = "; if they are right, state them with --units position=m --units force=N"
 _LONGEST_M = 2.0  # m; no rig here travels farther
 _FAR_M, _SOFT_N_PER_M = 0.3, 100.0
 """A softer body moved farther: 0.3 mm and 100 kN/m, as of a rig, if its mm were taken for m."""
@@ -44,9 +45,11 @@ def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
             f"{recording.name}: wrong unit? the position moves by {travel:.3g} m; if it is in mm,"
             " say so with --units position=mm"
         )
-    stiffest = _STIFFEST_STATED_N_PER_M if recording.units_stated else _STIFFEST_N_PER_M
+    stiffest, remedy = _STIFFEST_N_PER_M, _STATE_UNITS
+    if recording.units_stated:
+        stiffest, remedy = _STIFFEST_STATED_N_PER_M, ""
     if stiffness is not None and stiffness > stiffest:
         raise RecordingError(
             f"{recording.name}: wrong unit? a spring of {stiffness:.2g} N/m is stiffer than any"
-            " body that such a rig can press on; check the units of position and force"
+            f" body that such a rig can press on; check the units of position and force{remedy}"
         )
