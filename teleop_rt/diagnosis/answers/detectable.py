@@ -34,6 +34,7 @@ from teleop_rt.diagnosis.noise.structure import lack_of_fit, tangent_space
 
 POWER_SIGMAS = 1.645  # one-sided 95 % of a normal distribution
 _SHAPES = 4  # values tried of each shape parameter, over its bounds
+_HIGHEST_TONE = 0.4  # of the rate of samples [1]; at half of it every sample of a sine may be 0
 _SMALL = 1e-4  # of its upper bound: the amplitude at which a force is linearised first
 _ROUNDS, _NEAR = 6, 0.7  # of linearising at the size found; until it is that near to the last one
 _UNSEEN = 1e-9  # of a column's length; a smaller part outside the base is a rounding error
@@ -149,7 +150,7 @@ def _sizes(
 
 def _sampled(shape: Shape, dt: float) -> Shape:
     """Return the shape with few points; a frequency ends below half the rate of samples."""
-    upper = min(shape.upper, 0.4 / dt) if shape.unit == "Hz" else shape.upper
+    upper = min(shape.upper, _HIGHEST_TONE / dt) if shape.unit == "Hz" else shape.upper
     return replace(shape, upper=upper, points=min(max(shape.points, 2), _SHAPES))
 
 

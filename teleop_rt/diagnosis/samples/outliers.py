@@ -20,6 +20,7 @@ _APART_SAMPLES = (5, 7)  # more than a burst
 _NOISE_SAMPLES = 101  # around a sample, of which the deviation is taken: many more than a burst
 _OUTLIER_RATIO = 5.0  # times that deviation; noise reaches 4.5 once in 100 000 samples
 _LONGEST_DEAD_S = 0.1  # s; a longer stretch is a dropout (`dropouts.py`)
+_BACK_RATIO = 0.5  # of the jump [1]; within it the force is no longer near the reading
 _FEWEST_DEAD = 3  # stretches of one reading: a plateau of the force is held once
 _SURFACE_SAMPLES = 4  # samples from a crossing of the surface within which a jump is contact
 _TOUCH_SPREAD = 0.1  # of the distance; beside one crossing, neighbours that agree show no contact
@@ -84,7 +85,7 @@ def _dead_readings(
     before, reading, after = force[firsts - 1], force[firsts], force[pasts]
     into, out = before - reading, after - reading
     jumps = np.sign(into) * np.sign(out) * np.minimum(np.abs(into), np.abs(out))
-    back = np.abs(after - before) < np.maximum(0.5 * jumps, 0.0)
+    back = np.abs(after - before) < np.maximum(_BACK_RATIO * jumps, 0.0)
     dead = (jumps > least[firsts]) & back & ((pasts - firsts) * dt <= _LONGEST_DEAD_S)
     dead &= apart[firsts] & apart[pasts]
     values, times = np.unique(reading[dead], return_counts=True)
