@@ -134,7 +134,7 @@ FIRST_ORDER_LAG = Effect(
 def range_of(effect: Effect, eta: Vector) -> tuple[float, float]:
     """Return the middle and half the width [rig unit] of the range of a channel that saturates."""
     level = float(eta[0])
-    lowest = float(eta[1]) if effect.step is _clipped_between else -level
+    lowest = float(eta[1]) if effect.law == AT_TWO_ENDS else -level
     return 0.5 * (level + lowest), 0.5 * (level - lowest)
 
 
