@@ -11,6 +11,7 @@ from teleop_rt.contact.effects import (
     hysteresis,
     joints,
     kinematics,
+    moving_surface,
     relaxation,
     ripple,
     second_layer,
@@ -24,7 +25,9 @@ from teleop_rt.contact.effects import (
 )
 
 LIBRARY: tuple[Effect, ...] = (
-    *kinematics.EFFECTS,
+    kinematics.CONTACT_OFFSET,
+    *moving_surface.EFFECTS,
+    kinematics.CHANNEL_DELAY,
     *joints.EFFECTS,
     *stiffening.EFFECTS,
     *second_layer.EFFECTS,
