@@ -38,9 +38,13 @@ def test_a_law_that_the_blocks_contradict_is_not_named() -> None:
     assert answer["probability"] == {}
 
 
-def test_a_law_that_one_press_shows_is_named_though_no_other_block_can_confirm_it() -> None:
+@pytest.mark.parametrize("pressed_s", [3.1, 5.2])
+def test_a_law_that_one_press_shows_is_named_though_no_other_block_can_confirm_it(
+    pressed_s: float,
+) -> None:
+    """One fold hides most of the later press."""
     t = np.arange(4000) / 500.0
-    x = 2e-3 * np.sin(2.0 * np.pi * 1.1 * t) + 2e-3 * np.exp(-(((t - 3.1) / 0.3) ** 2))
+    x = 2e-3 * np.sin(2.0 * np.pi * 1.1 * t) + 2e-3 * np.exp(-(((t - pressed_s) / 0.3) ** 2))
     force = 900.0 * np.maximum(x, 0.0) + 2500.0 * np.maximum(x - 2.2e-3, 0.0)
     force += 0.01 * np.random.default_rng(1).standard_normal(t.size)
     answer = diagnose(from_arrays("layer", t, x, force), surface=0.0).answer
