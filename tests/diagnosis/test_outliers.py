@@ -34,7 +34,7 @@ def test_samples_at_every_reversal_come_with_the_motion_and_scattered_ones_do_no
 
 
 def test_bursts_at_any_place_do_not_follow_the_motion() -> None:
-    """Counted sample by sample, 1 in 6 such recordings had bursts that follow a slow motion."""
+    """Counted sample by sample, 63 of 400 such recordings had bursts that follow the motion."""
     t = 1e-3 * np.arange(9000)
     w = 2.0 * np.pi * 0.2
     motion = RecordedMotion(t, np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t), 1e-3)
@@ -45,7 +45,7 @@ def test_bursts_at_any_place_do_not_follow_the_motion() -> None:
         for later in range(3):
             found[firsts + later] = 1.0
         following += of_motion(found, motion)
-    assert following == 0
+    assert following <= 5  # by chance 1.6, and more than 5 once in 100
 
 
 @pytest.mark.parametrize(("few", "apart"), [(3, 9.0), (5, 1.5), (20, 1.0), (300, 0.25)])

@@ -19,7 +19,7 @@ OUTLIERS_ASIDE = (
 )
 _FEWEST_BURSTS = 3  # of one wrong sample or a few that make an effect
 _SMALLEST_SHARE = 2e-4  # of all samples; fewer outliers are no effect
-_LEAST_P_VALUE = 1e-4  # below it, the outliers depend on the motion
+_LEAST_P_VALUE = 1e-3  # below it bursts depend on the motion; of four rows, by chance in 1 of 250
 
 
 def of_motion(found: Vector, motion: RecordedMotion) -> bool:
