@@ -59,17 +59,6 @@ def test_the_detectable_size_is_proportional_to_the_noise() -> None:
         )
 
 
-def test_the_largest_force_of_a_detectable_drag_is_that_at_the_fastest_sample_in_contact() -> None:
-    recording = plain()
-    found = sizes(recording)
-    speed = np.gradient(recording.position, recording.dt)[recording.position > 0.0]
-    drag, bias = found["quadratic_damping"], found["force_bias"]
-    largest = float(str(drag["size"])) * float(np.max(speed**2))
-    assert float(str(drag["largest_force"])) == pytest.approx(largest, rel=0.05)
-    assert float(str(bias["largest_force"])) == pytest.approx(float(str(bias["size"])))
-    assert drag["force_unit"] == bias["force_unit"] == "N"
-
-
 def test_an_effect_that_was_named_is_not_among_them() -> None:
     record = make(7, ("force_bias",), "silicone", size=0.2, noise=0.01, seconds=4.0)
     recording = from_arrays("biased", record.t, record.position, record.force)

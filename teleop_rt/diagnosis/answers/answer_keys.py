@@ -121,10 +121,6 @@ class Detectable(Keys):
     """Size seen in 95 of 100 recordings, in `unit`; null where no size within its bounds is."""
     unit: str
     """Unit of the size."""
-    largest_force: float | None
-    """Largest force of the effect at that size in this recording, in `force_unit`; null like it."""
-    force_unit: str
-    """Unit of the force."""
     shape: dict[str, float]
     """The shape that shows least: its parameters by name, in the units of the effect."""
 

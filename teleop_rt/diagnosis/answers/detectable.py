@@ -57,7 +57,7 @@ def detectable(
     unit], within which the surface is free. `form_error` is the energy that the forms of the named
     laws may miss [chi-square]: a second effect must gain more, and any effect more than the
     noise hides. `size` is None where no size within the effect's bounds would. Effects whose size
-    is no amplitude (lags, limits) are left out. `largest_force` is that of the effect at this size.
+    is no amplitude (lags, limits) are left out.
     """
     own = tangent_space(problem, base)
     shift = force_of_a_step(problem, base, step, own)
@@ -85,10 +85,6 @@ def detectable(
             "parameter": effect.amplitude.name,
             "size": float(size) if size < most else None,
             "unit": fill(effect.amplitude.unit, units),
-            "largest_force": _largest_force(problem, base, effect, size, eta)
-            if size < most
-            else None,
-            "force_unit": units[1],
             "shape": {s.name: float(v) for s, v in zip(free, eta, strict=False)},
         })  # fmt: skip
     return sorted(found, key=lambda one: str(one["name"]))
@@ -162,24 +158,8 @@ def _row_of_unit(
     problem: Problem, base: Fit, effect: Effect, amplitude: float, eta: Vector
 ) -> Matrix:
     """Return the whitened force (1 x values) of an amplitude, over that amplitude."""
-    return problem.whitener((_force(problem, base, effect, amplitude, eta) / amplitude)[None, :])
-
-
-def _largest_force(
-    problem: Problem, base: Fit, effect: Effect, amplitude: float, eta: Vector
-) -> float:
-    """Return the largest force [rig's force] of the effect in the samples that are used."""
-    force = np.abs(_force(problem, base, effect, amplitude, eta))
-    return float(np.max(force[problem.whitener.mask > 0.0]))
-
-
-def _force(problem: Problem, base: Fit, effect: Effect, amplitude: float, eta: Vector) -> Vector:
-    """Return the force (samples,) of an effect beside the base, at phase 0 if it has one."""
     model = replace(base.model, effects=(*base.model.effects, effect))
-    zeta, theta = np.append(base.zeta, eta), base.theta
-    if nonlinear_amplitude(effect):
-        zeta = np.concatenate([base.zeta, [amplitude], eta])
-    else:
-        theta = np.append(theta, [amplitude, 0.0] if phases(effect) else [amplitude])
-    force: Vector = force_of(model, problem.motion, zeta, theta) - base.force_on(problem.motion)
-    return force
+    zeta = np.concatenate([base.zeta, [amplitude], eta])
+    with_it = force_of(model, problem.motion, zeta, base.theta)
+    without = base.force_on(problem.motion)
+    return problem.whitener(((with_it - without) / amplitude)[None, :])
