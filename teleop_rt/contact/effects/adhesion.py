@@ -59,7 +59,7 @@ def _attraction(
 def _distance(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    """Pull the tool in a contact, and outside less with its distance, on both ways.
+    """Pull the tool in a contact, and less the farther away it is, before a contact and after it.
 
     The tail (1 + gap / (power range))^-power is van der Waals' at a power of 2 (Derjaguin, Muller
     and Toporov 1975), and nearly exponential at the largest, as of a magnet.

@@ -62,6 +62,7 @@ def force_behind(course: Course, joint: Joint, theta: Vector) -> Behind:
         load = _load(theta[carried], rows, depth, material.k)
         force = _press(course, joint, material, load)[0]
         change = float(np.max(np.abs(force - found.force)))
+        # The first pass always counts; a change that is not a number ends them as well.
         if found.added and not change <= _RUNAWAY * float(np.max(np.abs(found.force))):
             break
         found = Behind(force, rows, load)
