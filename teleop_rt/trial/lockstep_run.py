@@ -142,7 +142,7 @@ def run_lockstep(
                 ends.callback(run.bench.axis.stop)
         return merge_outcomes(
             "simulated",
-            slave_outcome(run.slave, run.slave_endpoint),
+            slave_outcome(run.slave, run.slave_endpoint, simulated=trial.plant is not None),
             run.master.outcome(),
             {"dropped": recorder.dropped},
             interrupted=interrupted,

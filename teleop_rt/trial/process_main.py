@@ -101,8 +101,10 @@ def slave_main(
             lambda: loop_clock(trial.rig, held.axis, endpoint),
             _finished(slave, should_stop, last_tick),
         )
-        if_late, if_lost = _if_late(trial, granted), "" if trial.plant is None else _SIMULATED_LOST
-        return SlaveEnd(slave_outcome(slave, endpoint, if_late, if_lost), again=held.goes_on)
+        simulated = trial.plant is not None
+        if_late, if_lost = _if_late(trial, granted), _SIMULATED_LOST if simulated else ""
+        outcome = slave_outcome(slave, endpoint, if_late, if_lost, simulated=simulated)
+        return SlaveEnd(outcome, again=held.goes_on)
 
 
 @dataclass(slots=True)

@@ -13,6 +13,7 @@ from teleop_rt.config.trial import TrialConfig
 from teleop_rt.slave.faults import FAULTS, State
 from teleop_rt.trial.felt_force import EnvironmentForce
 from teleop_rt.trial.late import recorded
+from teleop_rt.trial.simulated_advice import next_step_of
 from teleop_rt.trial.summary import summarise
 
 _INCOMPLETE = "the run ended before its processes could report their counts"
@@ -29,11 +30,14 @@ def rebuilt_summary(
     `slave` holds the ticks of the slave that can be read, at least one.
     """
     state, fault = int(slave["state"][-1]), FAULTS.get(int(slave["fault"][-1]))
+    simulated = trial.plant is not None
     reported = {
         "code": None if fault is None else fault.code,
         "name": "unknown" if fault is None else fault.name,
         "cause": _INCOMPLETE if fault is None else fault.cause,
-        "next_step": "read log.jsonl" if fault is None else fault.next_step,
+        "next_step": "read log.jsonl"
+        if fault is None
+        else next_step_of(fault, simulated=simulated),
     }
     counts = ("sent", "received", "lost", "overtaken", "rejected", "refused", "round_trip_ms")
     measured = bool(np.any(np.isfinite(slave["work_us"])))

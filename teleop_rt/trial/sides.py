@@ -30,6 +30,7 @@ from teleop_rt.slave.faults import (
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.late import cause, late_outcome
+from teleop_rt.trial.simulated_advice import next_step_of
 
 _STREAMS: dict[Role, int] = {"slave": 1, "master": 2}
 
@@ -126,12 +127,12 @@ def _advice(fault: Fault, by_lateness: bool, if_late: str, if_lost: str) -> str:
 
 
 def slave_outcome(
-    slave: Slave, endpoint: Endpoint, if_late: str = "", if_lost: str = ""
+    slave: Slave, endpoint: Endpoint, if_late: str = "", if_lost: str = "", *, simulated: bool
 ) -> dict[str, Any]:
     """Return the counts of the slave's side, for the summary.
 
     `if_late` is the advice for this machine's loop where lateness stopped it, and `if_lost` that
-    for its devices where no sample came.
+    for its devices where no sample came; `simulated` says whether the rig is.
     """
     fault, late = slave.fault, late_outcome(slave.safety)
     by_lateness = fault is LATE_TICKS and late["stop"] is not None
@@ -147,7 +148,8 @@ def slave_outcome(
                 "code": fault.code,
                 "name": fault.name,
                 "cause": cause(late) if by_lateness else _cause(slave, behind),
-                "next_step": _advice(fault, by_lateness, if_late, if_lost) or behind.next_step,
+                "next_step": _advice(fault, by_lateness, if_late, if_lost)
+                or next_step_of(behind, simulated=simulated),
                 "said": said or None,
             },
             "unsafe": slave.unsafe,

@@ -16,6 +16,7 @@ from teleop_rt.link.troubles import NOTHING_TROUBLE, TROUBLES
 from teleop_rt.metrics import error_of_size, lag_s
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.signals import HANDLE_TRUTH_TOPIC
+from teleop_rt.trial.brief_touch import brief_touch, said_of
 from teleop_rt.trial.estimators import Replayed, replay_estimators
 from teleop_rt.trial.felt_force import (
     SIGNALS,
@@ -91,7 +92,7 @@ def summarise(
         "clock": outcome["clock"],
         "seed": trial.seed,
         **timing,
-        "contact": _contact(trial, slave, truth, replayed),
+        "contact": _contact(trial, slave, truth, replayed, outcome["safety"]["fault"]),
         "estimators": replayed.estimators,
         "selected": replayed.selected,
         "adequacy": adequacy,
@@ -181,6 +182,7 @@ def _contact(
     slave: Mapping[str, Array],
     truth: Mapping[str, Any] | None,
     replayed: Replayed,
+    fault: Mapping[str, Any],
 ) -> dict[str, Any]:
     surface = slave.get("surface", np.empty(0))
     known = surface[np.isfinite(surface)]
@@ -193,8 +195,11 @@ def _contact(
         "onsets": int(slave["contact_id"][-1]) if "contact_id" in slave else 0,
     }
     reasons = []
+    touch = brief_touch(trial, slave)
+    if touch is not None:
+        contact["brief_touch_ms"] = touch.longest_ms
     if not known.size:
-        reasons.append(replayed.surface_reason)
+        reasons.append(replayed.surface_reason if touch is None else said_of(touch, trial, fault))
     if true is None and trial.plant is None:
         reasons.append("the true surface of a measured environment is not known")
     elif true is None:

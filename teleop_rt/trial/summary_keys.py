@@ -51,6 +51,9 @@ class ContactFound(Keys):
     """Unit of the positions."""
     onsets: int
     """Number of onsets of contact."""
+    brief_touch_ms: NotRequired[float]
+    """Longest time above contact.onset_force that was too short for a contact [ms]; absent where
+    there was a contact, or no such time."""
     reason: NotRequired[str]
     """Why a position is null; absent where neither is."""
 

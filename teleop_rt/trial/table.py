@@ -218,6 +218,19 @@ def felt_lines(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "felt force: lag", f"{lag}, direct reflection {reflected}"
 
 
+def _contacts(contact: Mapping[str, Any]) -> str:
+    """Return the number of contacts; a touch that was too short for one is not passed over."""
+    if (brief := contact.get("brief_touch_ms")) is not None:
+        return f"no contact, but a touch of {_number(brief, ' ms', 3)}"
+    return f"{contact['onsets']} contact" + ("" if contact["onsets"] == 1 else "s")
+
+
+def _notes(summary: Mapping[str, Any]) -> list[str]:
+    """Return the notes and the reasons of both parts, but for that of the line on the model."""
+    parts = [summary["contact"], summary["master"]] if summary["selected"] else [summary["master"]]
+    return [*summary["notes"], *(part["reason"] for part in parts if "reason" in part)]
+
+
 def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
@@ -225,7 +238,6 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         _number(None if value is None else value * scale, small, 5)
         for value in (contact["surface_found"], contact["surface_true"])
     )
-    touched = "contact" if contact["onsets"] == 1 else "contacts"
     safety = summary["safety"]
     reported = f": {safety['fault']['said']}" if safety["fault"].get("said") else ""
     planned = f" of {summary['planned_s']:g}" if is_short(summary) else ""
@@ -237,7 +249,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *_start_up(summary),
         ("ran", f"{ran}, {_missed(summary)}{early}"),
         *_on_time(summary),
-        ("surface found / true", f"{surface}, {contact['onsets']} {touched}"),
+        ("surface found / true", f"{surface}, {_contacts(contact)}"),
         *felt_lines(master),
         *_handle(master),
         *_unfelt(master, units),
@@ -254,6 +266,4 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         if (spread := summary[key]) is not None:
             text = f"p50 {spread['p50']:.0f}, p99 {spread['p99']:.0f}, max {spread['max']:.0f} us"
             lines.append((key.removesuffix("_us").replace("_", " "), text))
-    reasons = (part["reason"] for part in (contact, master) if "reason" in part)
-    notes = (*summary["notes"], *reasons)
-    return [*lines, *(("note", note) for note in notes)]
+    return [*lines, *(("note", note) for note in _notes(summary))]

@@ -255,7 +255,8 @@ def test_a_device_that_was_lost_while_disarmed_is_named_and_back_after_a_reset(r
 
 
 def test_a_device_that_was_lost_while_disarmed_is_the_fault_of_the_end(ready):
-    ended = lambda: slave_outcome(ready.slave, ready.trial.slave_endpoint)["safety"]  # noqa: E731
+    outcome = partial(slave_outcome, ready.slave, ready.trial.slave_endpoint, simulated=False)
+    ended = lambda: outcome()["safety"]  # noqa: E731
     ready.rig.inject("mute", "drive")
     ready.ticks(200)
     ready.rig.heal("drive")
@@ -273,7 +274,9 @@ def test_a_device_that_was_lost_is_named_where_the_drive_was_missed_first(ready)
     ready.rig.inject("mute", "force sensor")
     ready.slave.safety.stop(DRIVE_SILENT)
     ready.ticks(200)
-    fault = slave_outcome(ready.slave, ready.trial.slave_endpoint)["safety"]["fault"]
+    fault = slave_outcome(ready.slave, ready.trial.slave_endpoint, simulated=False)["safety"][
+        "fault"
+    ]
     assert fault["name"] == "drive_silent"
     assert fault["said"] == "force sensor (0x20): its heartbeat ended"
     assert "drive" not in fault["cause"] + fault["next_step"]
@@ -284,7 +287,7 @@ def test_lost_samples_are_stated_with_the_bound_in_force(ready):
     assert ready.ask("arm")["ok"]
     ready.until(State.ARMED)
     ready.slave.safety.stop(SAMPLES_LOST)
-    outcome = partial(slave_outcome, ready.slave, ready.trial.slave_endpoint)
+    outcome = partial(slave_outcome, ready.slave, ready.trial.slave_endpoint, simulated=False)
     fault = outcome()["safety"]["fault"]
     assert fault["cause"] == "no usable sample of position and force for 50 ms"
     assert "simulated" not in fault["next_step"]

@@ -481,3 +481,20 @@ def test_a_driver_that_raises_between_ticks_leaves_nothing_open(tmp_path, call):
     assert (tmp_path / "truth.json").is_file()
     if call in {"stop", "close"}:
         assert read_topics(tmp_path / RECORDING, ["/slave"])["/slave"]["tick"].size > 0
+
+
+def test_a_touch_that_the_force_limit_ends_is_no_recording_without_contact(tmp_path):
+    trial = silicone("plant.environment.stiffness_N_per_m=3.6e7")
+    summary = run(trial, tmp_path / "run")
+    assert summary["safety"]["fault"]["name"] == "force_limit"
+    reason, brief = summary["contact"]["reason"], summary["contact"]["brief_touch_ms"]
+    assert reason.startswith("the force rose to 260.3 N, and was above contact.onset_force 0.4 N")
+    assert "begins after 3 ms (contact.onset_samples); force_limit stopped the run" in reason
+    assert 1.0 <= brief < 3.0
+    shown = io.StringIO()
+    print_summary(Console(file=shown, width=400), summary, trial.rig.units)
+    said = shown.getvalue()
+    assert f"no contact, but a touch of {brief:g} ms" in said
+    assert said.count(reason) == 1
+    assert "by hand" not in said
+    assert "raise limits.stiffness_max" in summary["safety"]["fault"]["next_step"]

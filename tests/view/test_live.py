@@ -69,7 +69,10 @@ def test_packets_refused_are_those_of_both_ends_as_in_the_summary(ring_folder):
         steps(trial, 100)
         feed.poll()
     feed.judge()
-    ends = (slave_outcome(trial.slave, trial.slave_endpoint), trial.master.outcome())
+    ends = (
+        slave_outcome(trial.slave, trial.slave_endpoint, simulated=True),
+        trial.master.outcome(),
+    )
     assert merge_outcomes("simulated", *ends, {})["link"]["refused"] == 5
     assert "5 packets refused" in feed.health.link.text
 
