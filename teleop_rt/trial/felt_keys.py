@@ -37,6 +37,21 @@ class WorstFelt(Keys):
     """Range of the true force that the slave has met, by which both are graded [N or Nm]."""
 
 
+class WallOffset(Keys):
+    """How far from its true place the wall is felt, since the first touch, in the rig's unit.
+
+    The master puts the wall where the hand is when the first model comes, and brings it back
+    while the hand moves out of contact, at most at master.offset_speed.
+    """
+
+    largest: float
+    """Largest offset, as its size [m or rad]."""
+    largest_s: float
+    """First time of it, from the slave's first tick [s]."""
+    at_end: float
+    """Offset at the end, as its size [m or rad]."""
+
+
 class Unfelt(Keys):
     """The moment of converged contact in which the tool most exceeded the felt force."""
 
@@ -75,6 +90,8 @@ class FeltForce(Keys):
     """Lag that the slave's force reflected directly would have had [ms]; null like lag_ms."""
     worst: WorstFelt | None
     """The worst since the first touch; null without a reference or a touch."""
+    offset: WallOffset | None
+    """How far from its true place the wall is felt; null without a touch."""
     largest_force_step: float | None
     """Largest step of the rendered force between ticks [N or Nm]; null where none was recorded."""
     unfelt: Unfelt | None

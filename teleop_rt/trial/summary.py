@@ -34,7 +34,7 @@ from teleop_rt.trial.software import software
 from teleop_rt.trial.summary_notes import all_notes
 from teleop_rt.trial.true_port import LAG_MARGIN_S, true_port
 from teleop_rt.trial.unfelt import BOUND_SIGNALS, most_unfelt
-from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
+from teleop_rt.trial.worst import since_touch, wall_offset, worst_felt, worst_surface
 
 Array = NDArray[np.float64]
 
@@ -237,6 +237,7 @@ def judge_felt_force(
         "lag_ms": None,
         "direct_reflection_lag_ms": None,
         "worst": None,
+        "offset": wall_offset(master, _began_ns(slave or master)),
         "largest_force_step": float(np.nanmax(steps)) if np.any(np.isfinite(steps)) else None,
     }
     if truth is None or environment_force is None:
@@ -246,12 +247,16 @@ def judge_felt_force(
         result["reason"] = "the run ended before contact had converged"
         return result
     felt = felt_force(trial, master, truth, environment_force)
-    began_ns = float((slave or master)["stamp_ns"][0])
+    began_ns = _began_ns(slave or master)
     result["worst"] = worst_felt(felt, since_touch(trial, master), began_ns)
     if np.count_nonzero(felt.converged) < 2:
         result["reason"] = "the run ended before contact had converged"
         return result
     return result | _error_and_lags(trial, felt)
+
+
+def _began_ns(rows: Mapping[str, Array]) -> float:
+    return float(rows["stamp_ns"][0]) if rows else 0.0
 
 
 def _error_and_lags(trial: TrialConfig, felt: Felt) -> dict[str, Any]:

@@ -186,6 +186,18 @@ def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str,
         yield "surface: worst error", f"{error} (at {met['surface_error_s']:.1f} s)"
 
 
+def offset_lines(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
+    """Give how far from its true place the wall is felt."""
+    if (offset := master.get("offset")) is None:  # earlier summaries have none
+        return
+    scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
+    largest, end = (_number(scale * offset[key], small, 3) for key in ("largest", "at_end"))
+    yield (
+        "felt wall: offset",
+        f"at most {largest} (at {offset['largest_s']:.1f} s), {end} at the end",
+    )
+
+
 def leash_lines(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
     """Give the line of the leash, where it held the hand back: a force in free air is its own."""
     handle = (master.get("rendering") or {}).get("handle") or {}
@@ -254,6 +266,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *_handle(master),
         *_unfelt(master, units),
         *worst_lines(summary, units),
+        *offset_lines(master, units),
         *leash_lines(master, units),
         ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
         ("model", model_in_words(summary)),

@@ -52,6 +52,20 @@ def worst_felt(felt: Felt, counts: NDArray[np.bool_], began_ns: float) -> dict[s
     }
 
 
+def wall_offset(master: Columns, began_ns: float) -> dict[str, float] | None:
+    """Return how far from its true place the wall is felt since the first touch; None without one.
+
+    In the rig's unit. `began_ns` is the stamp from which times count.
+    """
+    touched = np.logical_or.accumulate(master.get("contact_id", np.empty(0)) > 0)
+    offset = np.abs(np.where(touched, master.get("offset", np.empty(0)), np.nan))
+    if (largest := _largest(offset)) is None:
+        return None
+    at_s = _when(offset, master["stamp_ns"], began_ns)
+    at_end = float(offset[np.isfinite(offset)][-1])
+    return {"largest": largest, "largest_s": at_s or 0.0, "at_end": at_end}
+
+
 def worst_surface(
     slave: Mapping[str, Array], truth: Mapping[str, Any] | None
 ) -> dict[str, float | None]:

@@ -73,6 +73,8 @@ def _felt(run: Run, grade: Grade) -> Tile:
         phantom = with_unit(met["phantom_force"], run.units.force, 3)
         at_most = f"at most {phantom} where nothing is, at {met['phantom_s']:.1f} s"
         lines.append(at_most if met["phantom_force"] > 0.0 else "nothing felt where nothing is")
+    if (offset := master.get("offset")) is not None:
+        lines.append(_offset(offset, run))
     if (share := softened(master, run.units)) is not None:
         lines.append(f"of a stiff wall {share}")
     if (share := calmed(master, run.units)) is not None:
@@ -80,6 +82,15 @@ def _felt(run: Run, grade: Grade) -> Tile:
     if (share := unfollowed(master, run.units)) is not None:
         lines.append(f"of a wall not followed {share}")
     return Tile("Force under the hand", grade, f"{in_percent(nrmse)} error", tuple(lines))
+
+
+def _offset(offset: Mapping[str, float], run: Run) -> str:
+    """Return how far from its true place the wall was felt, as a sentence."""
+    largest, end = (
+        small_position(offset[key], run.units.position) for key in ("largest", "at_end")
+    )
+    at = f"at {offset['largest_s']:.1f} s"
+    return f"the wall was felt up to {largest} from its true place, {at}, and {end} at the end"
 
 
 def _lag(lag_ms: float | None) -> str:

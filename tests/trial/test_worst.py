@@ -8,7 +8,7 @@ import pytest
 from teleop_rt.config.section import Units
 from teleop_rt.trial import table
 from teleop_rt.trial.felt_force import Felt
-from teleop_rt.trial.worst import since_touch, worst_felt, worst_surface
+from teleop_rt.trial.worst import since_touch, wall_offset, worst_felt, worst_surface
 
 TRIAL = SimpleNamespace(master=SimpleNamespace(offset_speed=0.02, rate_hz=1000))
 STAMPS = 5e9 + 1e6 * np.arange(8)
@@ -96,3 +96,19 @@ def test_the_surface_is_judged_over_the_whole_run_and_not_at_its_end():
     moving = truth | {"undeclared": [{"effect": "moving_surface", "swing": 0.002}]}
     for unknown in (moving, None):
         assert set(worst_surface(slave, unknown).values()) == {None}
+
+
+def test_a_wall_felt_beside_its_place_has_the_largest_offset_and_that_of_the_end():
+    """The offset before the first touch is the leash's, where no wall is felt."""
+    master = {
+        "stamp_ns": 1e9 * np.arange(7.0) + 1e9,
+        "contact_id": np.array([0.0, 0.0, 1.0, 0.0, 2.0, 2.0, np.nan]),
+        "offset": 1e-3 * np.array([20.0, 0.0, -9.0, -9.0, -3.0, 1.6, np.nan]),
+    }
+    offset = wall_offset(master, 0.0)
+    assert offset == pytest.approx({"largest": 9e-3, "largest_s": 3.0, "at_end": 1.6e-3})
+    line = ("felt wall: offset", "at most 9 mm (at 3.0 s), 1.6 mm at the end")
+    assert list(table.offset_lines({"offset": offset}, Units(position="m", force="N"))) == [line]
+    assert wall_offset(master | {"contact_id": np.zeros(7)}, 0.0) is None
+    assert wall_offset({}, 0.0) is None
+    assert list(table.offset_lines({"offset": None}, Units(position="m", force="N"))) == []
