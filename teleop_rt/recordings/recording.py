@@ -14,7 +14,7 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.clock import jitter_of, ticks_of
 from teleop_rt.recordings.column_names import NEEDED
 from teleop_rt.recordings.layout import Column, Layout, columns_of, layout_of
-from teleop_rt.recordings.resampling import SampleTimes, covered, resampled
+from teleop_rt.recordings.resampling import GAP, SampleTimes, covered, resampled
 from teleop_rt.recordings.rows import Stretch, quantisation_step, stretches
 from teleop_rt.recordings.table_files import read_table
 from teleop_rt.recordings.usable import (
@@ -153,8 +153,19 @@ def _fresh(
 
 
 def without_lag(time: Vector, force: Vector, lag_s: float) -> Vector:
-    """Return the force (n,) as it was at the times [s], where it is known to come late."""
-    return np.interp(time + lag_s, time, force) if lag_s else force
+    """Return the force (n,) as it was at the times [s], where it is known to come late.
+
+    Not a number where it would have come in a gap that a line does not bridge.
+    """
+    if not lag_s:
+        return force
+    found = np.interp(time + lag_s, time, force)
+    steps = np.diff(time)
+    for before in np.flatnonzero(steps > (_SHORT_GAP + GAP) * np.median(steps)):
+        begin, end = time[before], time[before + 1]
+        first, past = np.searchsorted(time, (begin - lag_s, end - lag_s), side="right")
+        found[first : min(past, before + 1)] = np.nan
+    return found
 
 
 def last_known(surface: Vector) -> float | None:
@@ -213,6 +224,7 @@ def from_columns(
     jitter, force_step = jitter_of(t, dt), quantisation_step(columns["force"])
     even = {role: resampled(grid, t, columns.pop(role)) for role in tuple(columns)}
     _bend(even["position"], mask)
+    _read_in_steps(even["position"], mask)
     return Recording(
         name,
         dt,
@@ -244,6 +256,17 @@ def _bend(position: Vector, mask: Vector) -> None:
         around = np.array([first - 2, first - 1, past, past + 1])
         cubic = np.polyfit(around - first, position[around], 3)
         position[first:past] = np.polyval(cubic, np.arange(past - first))
+
+
+def _read_in_steps(position: Vector, mask: Vector) -> None:
+    """Round bridged positions to the steps of the readings, if these have any.
+
+    One value between two steps would hide them, and with them the encoder's resolution.
+    """
+    missing, readings = mask == 0.0, position[mask > 0.0]
+    if missing.any() and (step := quantisation_step(readings)):
+        first = float(readings[0])
+        position[missing] = first + step * np.round((position[missing] - first) / step)
 
 
 def short_gaps(mask: Vector) -> list[Stretch]:

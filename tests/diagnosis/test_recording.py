@@ -15,7 +15,8 @@ from teleop_rt.diagnosis.samples.surface import surface_of
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.excerpt import MOST_SAMPLES, most_active
 from teleop_rt.recordings.layout import layout_of
-from teleop_rt.recordings.recording import from_arrays, load
+from teleop_rt.recordings.recording import from_arrays, load, without_lag
+from teleop_rt.recordings.rows import quantisation_step
 from teleop_rt.trial.folder import recording_of
 
 N = 4000
@@ -156,6 +157,27 @@ def test_a_gap_is_used_around_and_counted(pressed: dict[str, np.ndarray]) -> Non
     k = found.answer["base"]["parameters"]["k"]
     assert abs(k["value"] - 2000) < 4 * k["std"]
     assert found.answer["gaps"] == {"count": 3, "samples": 106}
+
+
+def test_positions_across_a_gap_lie_on_the_steps_of_the_readings() -> None:
+    t = 1e-3 * np.arange(3000)
+    position = 5e-6 * np.round(2e3 * (1.0 + np.sin(5.0 * t)))
+    kept = np.r_[:1003, 1200:1503, 1504:3000]
+    recording = from_arrays("gap", t[kept], position[kept], np.cos(3.0 * t[kept]))
+    assert (recording.gaps, recording.missing) == (2, 198)
+    np.testing.assert_array_equal(recording.position[recording.mask > 0.0], position[kept])
+    assert quantisation_step(recording.position) == pytest.approx(5e-6)
+
+
+def test_no_force_is_made_up_where_it_would_have_come_in_a_gap() -> None:
+    t = 1e-3 * np.arange(100)
+    force = t**2
+    kept = np.r_[:40, 60:80, 81:100]
+    found = without_lag(t[kept], force[kept], 2e-3)
+    lost = np.isnan(found)
+    assert 2 <= np.count_nonzero(lost[30:40]) == np.count_nonzero(lost) <= 3
+    late = ~lost & (t[kept] < 0.097)
+    np.testing.assert_allclose(found[late], (t[kept][late] + 2e-3) ** 2, atol=2e-6)
 
 
 def test_small_jitter_of_the_stamps_is_no_gap(pressed: dict[str, np.ndarray]) -> None:
