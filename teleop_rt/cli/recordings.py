@@ -14,6 +14,7 @@ from teleop_rt.ids import MODEL_IDS, REGRESSIONS, SOLVERS, TERM_IDS
 
 if TYPE_CHECKING:
     from teleop_rt.offline.table import Table
+    from teleop_rt.realtime.mcap_chunk import Unreadable
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NEXT_PAIR = re.compile(r",(?=\s*\w+=)")  # a comma may also be part of a column's name
@@ -160,26 +161,28 @@ def recover(
         Path | None, typer.Option(help="file to write; default: NAME.recovered.mcap")
     ] = None,
 ) -> None:
-    """Repair a recording that a crash cut off; the original is kept."""
+    """Repair a recording that is cut off or damaged; the original is kept."""
     from teleop_rt.batch.bar import bar  # noqa: PLC0415 - as below
 
     with bar("reading the recording", counts=False) as shown:
         from teleop_rt.realtime import export  # noqa: PLC0415 - loads numpy and scipy
+        from teleop_rt.realtime.reading import in_words  # noqa: PLC0415 - as above
         from teleop_rt.trial.folder import recording_of  # noqa: PLC0415 - as above
 
         recording = recording_of(recording)
         whole = out or recording.with_suffix(".recovered.mcap")
         messages = export.is_whole(recording)
         shown.phase("writing the readable messages")
-        saved = export.recover(recording, whole) if messages is None else 0
+        lost: list[Unreadable] = []
+        saved = export.recover(recording, whole, lost) if messages is None else 0
         seconds = export.span_s(whole) if saved else 0.0
+        to_its_end = export.stated_messages(recording) == saved + sum(one.messages for one in lost)
     if messages is not None:
         print(f"{recording} is whole, with {messages} messages: nothing to recover")
     else:
-        print(
-            f"{saved} messages, {seconds:.3f} s of the run, saved in {whole}; later messages"
-            " are lost"
-        )
+        left_out = f"; {in_words(lost)}" if lost else ""
+        later = "" if to_its_end else "; later messages are lost"
+        print(f"{saved} messages, {seconds:.3f} s of the run, saved in {whole}{left_out}{later}")
 
 
 def export(

@@ -22,6 +22,7 @@ from teleop_rt.errors import RecordingError
 from teleop_rt.extras import install_command
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.columns import Rows
+from teleop_rt.realtime.mcap_chunk import Unreadable
 from teleop_rt.realtime.mcap_index import count_messages
 from teleop_rt.realtime.mcap_records import Record
 from teleop_rt.realtime.parts import parts
@@ -44,19 +45,27 @@ _ROLES = {
 """Which signal plays which role where a table is replayed or diagnosed, by topic."""
 
 
-def recover(damaged: Path, whole: Path) -> int:
+def recover(damaged: Path, whole: Path, unreadable: list[Unreadable] | None = None) -> int:
     """Copy the readable messages of all parts into one finished file; return their number.
 
-    Raises RecordingError where the file is no MCAP or `whole` exists already.
+    Damaged chunks are left out, and appended to `unreadable`. Raises RecordingError where the file
+    is no MCAP, no message of it can be read, or `whole` exists already.
     """
     refuse_existing([whole], "name another file with --out")
-    next(read_records(damaged), None)  # another format is refused before a file is made
+    if not any(isinstance(record, Message) for record in read_records(damaged)):
+        size = sum(one.stat().st_size for one in parts(damaged) or [damaged])
+        raise RecordingError(
+            f"{damaged}: nothing can be recovered: no message can be read in its {size} bytes:"
+            " use a copy if there is one"
+        )
     with _written(whole), whole.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(library="teleop-rt recover")
         copy = _Copy(writer)
         for record in read_records(damaged):
             copy.take(record)
+            if isinstance(record, Unreadable) and unreadable is not None:
+                unreadable.append(record)
         writer.finish()
     return copy.messages
 
@@ -171,14 +180,22 @@ def is_whole(recording: Path) -> int | None:
 
     Every part must be finished, and contain as many messages as its index states.
     """
+    described = stated_messages(recording)
+    if described is None:
+        return None
+    found = sum(isinstance(record, Message) for record in read_records(recording))
+    return found if found == described else None
+
+
+def stated_messages(recording: Path) -> int | None:
+    """Return the number of messages by the indices of all parts; None where one is cut off."""
     described = 0
     for one in parts(recording) or [recording]:
         with one.open("rb") as stream:
             if not _finished(stream):
                 return None
         described += sum(count_messages(one).values())
-    found = sum(isinstance(record, Message) for record in read_records(recording))
-    return found if found == described else None
+    return described
 
 
 def span_s(recording: Path) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Statistics
+from mcap.records import Channel, Schema, Statistics
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
@@ -51,10 +51,10 @@ def time_span(path: Path) -> tuple[int, int] | None:
     return min(starts), max(ends)
 
 
-def declared_channels(path: Path) -> list[Channel]:
-    """Return the channels of a file; none where it was cut off."""
+def declared_channels(path: Path) -> list[Schema | Channel]:
+    """Return the channels of a file, after their schemas; none where it was cut off."""
     summary = _index_of(path)
-    return [] if summary is None else list(summary.channels.values())
+    return [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
 
 
 def _index_of(path: Path) -> Summary | None:
@@ -77,7 +77,7 @@ def _index_of(path: Path) -> Summary | None:
 
 
 def _summary(section: bytes) -> Summary:
-    """Return the statistics and the channels among the records of a file's end."""
+    """Return the statistics, the channels and their schemas among the records of a file's end."""
     summary = Summary()
     at = 0
     while at < len(section):
@@ -86,10 +86,13 @@ def _summary(section: bytes) -> Summary:
         at = begin + length
         if at > len(section):
             raise EOFError
-        if opcode in (Opcode.STATISTICS, Opcode.CHANNEL):
+        if opcode in (Opcode.STATISTICS, Opcode.SCHEMA, Opcode.CHANNEL):
             content = ReadDataStream(BytesIO(section[begin:at]))
             if opcode == Opcode.STATISTICS:
                 summary.statistics = Statistics.read(content)
+            elif opcode == Opcode.SCHEMA:
+                schema = Schema.read(content)
+                summary.schemas[schema.id] = schema
             else:
                 channel = Channel.read(content)
                 summary.channels[channel.id] = channel

@@ -27,10 +27,19 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
+from teleop_rt.realtime.mcap_chunk import (
+    CHUNK,
+    INDEX,
+    Unreadable,
+    counted,
+    pairs_of,
+    record_follows,
+)
+
 if TYPE_CHECKING:
     from teleop_rt.realtime.chunk_kernel import MessageFinder
 
-Other = Schema | Channel | Metadata
+Other = Schema | Channel | Metadata | Unreadable
 Record = Other | Message
 Place = NDArray[np.int64]
 """Where messages lie in their chunk (n, 3): begin of the text, end, sequence."""
@@ -41,12 +50,7 @@ _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
 """The head of every record, and for a message also its channel and sequence."""
 _CHECKSUM = struct.Struct("<I")
-_CHUNK = struct.Struct("<QQQII")
-"""The head of a chunk: the stamps [ns] of its first message and of its last, the bytes of its
-records and their checksum, and the letters of how they are packed, which follow."""
 _COUNT = struct.Struct("<Q")
-_INDEX = struct.Struct("<HI")
-"""Channel and bytes of an index, before its pairs of time and offset."""
 _HEADS_TYPE = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")]
 )
@@ -57,8 +61,6 @@ _BYTES_FOR_KERNEL = 64 << 20
 """Bytes of a file beyond which a kernel pays that finds messages in a tenth of the time, but loads
 for 0.5 s."""
 _AS_WE_PACK = b"zstd"
-_PAIR_BYTES = 16
-"""A message's time and offset in an index."""
 _BEFORE_TEXT = RECORD_HEAD.size + _MESSAGE.size
 _A_MESSAGE = int(Opcode.MESSAGE)
 _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
@@ -92,14 +94,17 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
     """Give schemas, channels, messages and metadata in the order of the file, up to its index.
 
     Chunks whose messages are all stamped before `from_ns` are left out, with the channels that
-    they declare. Raises EOFError where the file was cut off, and the library's errors for a
-    broken record or a checksum, of a chunk or of all, that is wrong.
+    they declare. A chunk with damaged content that another record follows is given as such. Raises
+    EOFError where the file was cut off, and the library's errors for any other broken record, or
+    where the checksum of the file is wrong and no chunk is.
     """
     size = os.fstat(stream.fileno()).st_size
     stream.seek(0)
     checksum = zlib.crc32(stream.read(len(MCAP0_MAGIC)))
     decompressor = zstandard.ZstdDecompressor()
     finder = _finder(size)
+    begin_ns: int | None = None
+    damaged = False
     while True:
         head = stream.read(RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
@@ -110,13 +115,24 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
         content = stream.read(length)
         if opcode == Opcode.DATA_END:
             (written,) = _CHECKSUM.unpack(content)
-            if written not in (0, checksum):  # 0 by those who wrote none
+            if written not in (0, checksum) and not damaged:  # 0 by those who wrote none
                 raise McapError("the checksum of the file is wrong")
             return
         checksum = zlib.crc32(content, zlib.crc32(head, checksum))
-        if opcode == Opcode.CHUNK and _CHUNK.unpack_from(content)[1] >= from_ns:
+        if opcode == Opcode.CHUNK and CHUNK.unpack_from(content)[1] >= from_ns:
             indices, checksum = _read_indices(stream, size, checksum)
-            yield from _found(unpack_chunk(content, decompressor), indices, finder)
+            if begin_ns is None:
+                begin_ns = counted(content, indices)[1]
+            try:
+                unpacked = unpack_chunk(content, decompressor)
+            except CUT_OFF:
+                if not record_follows(stream, size):
+                    raise
+                damaged = True
+                messages, first_ns, last_ns = counted(content, indices)
+                yield Unreadable(messages, first_ns, last_ns, 1e-9 * (first_ns - begin_ns))
+                continue
+            yield from _found(unpacked, indices, finder)
         elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
             yield from _walk(head + content)
 
@@ -150,11 +166,11 @@ def unpack_chunk(content: bytes, decompressor: zstandard.ZstdDecompressor) -> by
     a megabyte of zstd may hold terabytes. As we pack it, this is done here, with one decompressor
     for all chunks, where the library makes one for each; other compressions are left to it.
     """
-    *_, size, checksum, letters = _CHUNK.unpack_from(content)
+    *_, size, checksum, letters = CHUNK.unpack_from(content)
     if size > LONGEST_CHUNK:
         raise McapError(f"a chunk of {size >> 20} MB")
-    packed_at = _CHUNK.size + letters
-    if content[_CHUNK.size : packed_at] != _AS_WE_PACK:
+    packed_at = CHUNK.size + letters
+    if content[CHUNK.size : packed_at] != _AS_WE_PACK:
         return _unpacked_otherwise(content)
     (packed,) = _COUNT.unpack_from(content, packed_at)
     first = packed_at + _COUNT.size
@@ -217,8 +233,8 @@ def indexed(data: bytes, indices: list[bytes]) -> Places | None:
     channels: dict[int, slice] = {}
     count = 0
     for content in indices:
-        pairs = _pairs(content)
-        if pairs is None or (channel := _INDEX.unpack_from(content)[0]) in channels:
+        pairs = pairs_of(content)
+        if pairs is None or (channel := INDEX.unpack_from(content)[0]) in channels:
             return None
         if len(pairs):
             channels[channel] = slice(count, count + len(pairs))
@@ -229,16 +245,6 @@ def indexed(data: bytes, indices: list[bytes]) -> Places | None:
         return None
     first = sorted(channels, key=lambda channel: int(places[channels[channel].start, 0]))
     return {channel: places[channels[channel]] for channel in first}
-
-
-def _pairs(index: bytes) -> NDArray[np.uint64] | None:
-    """Return time and offset of each message (n, 2) in an index; None where it is none."""
-    if len(index) < _INDEX.size:
-        return None
-    length = _INDEX.unpack_from(index)[1]
-    if length % _PAIR_BYTES or length + _INDEX.size != len(index):
-        return None
-    return np.frombuffer(index, dtype="<u8", offset=_INDEX.size).reshape(-1, 2)
 
 
 def _places(data: bytes, offsets: NDArray[np.uint64], channels: dict[int, slice]) -> Place | None:

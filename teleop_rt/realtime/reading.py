@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Rows, TopicColumns
+from teleop_rt.realtime.mcap_chunk import Unreadable
 from teleop_rt.realtime.mcap_index import count_messages, declared_channels
 from teleop_rt.realtime.mcap_records import (
     CUT_OFF,
@@ -30,6 +31,8 @@ from teleop_rt.recordings.memory import most_bytes, refuse_more
 
 _IDS_PER_PART = 1 << 16
 """Channels of one part of a recording, so that ids of parts do not meet."""
+_MOST_NAMED = 5
+"""Damaged parts whose times a message gives; the others are only counted."""
 _LONGEST_CHUNK = 1 << 20
 """A crash cuts a file off within its last chunk, of 256 kB unpacked; more left is damage."""
 
@@ -111,6 +114,7 @@ def _offset_ids(record: Other, offset: int) -> None:
 
 
 def _blocks_of(path: Path, from_ns: float) -> Iterator[Other | Messages]:
+    lost: list[Unreadable] = []
     try:
         with path.open("rb") as stream:
             if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
@@ -120,12 +124,19 @@ def _blocks_of(path: Path, from_ns: float) -> Iterator[Other | Messages]:
             try:
                 declared = declared_channels(path) if from_ns else []
                 yield from declared
-                yield from blocks(stream, from_ns if declared else 0.0)
+                for block in blocks(stream, from_ns if declared else 0.0):
+                    yield block
+                    if isinstance(block, Unreadable):
+                        if not lost:  # it may be the one that declares them
+                            yield from declared_channels(path)
+                        lost.append(block)
             except CUT_OFF as error:
                 place, size = stream.tell(), path.stat().st_size
                 cut_off = isinstance(error, EOFError) and size - place <= _LONGEST_CHUNK
                 if not cut_off or ends_whole(stream):
                     _say_damaged(path, place, size)
+            if lost:
+                _say_unreadable(path, in_words(lost))
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read: {error.strerror}: check the path and who may read it"
@@ -139,6 +150,24 @@ def _say_damaged(path: Path, place: int, size: int) -> None:
         f"{path}: damaged before byte {place} of {size}: rows are missing or wrong; use a copy, or"
         " the file that `recover` makes of it",
         file=sys.stderr,
+    )
+
+
+@functools.cache
+def _say_unreadable(path: Path, lost: str) -> None:
+    """Say once how much in the middle of a recording cannot be read."""
+    print(f"{path}: damaged: {lost}; use a copy if there is one", file=sys.stderr)
+
+
+def in_words(lost: Sequence[Unreadable]) -> str:
+    """Return how much cannot be read, at least one chunk, and of which times, as a sentence."""
+    messages = sum(one.messages for one in lost)
+    parts_lost = "1 part" if len(lost) == 1 else f"{len(lost)} parts"
+    spans = ", ".join(f"{one.after_s:.3f} s to {one.until_s:.3f} s" for one in lost[:_MOST_NAMED])
+    more = ", ..." if len(lost) > _MOST_NAMED else ""
+    return (
+        f"{parts_lost} of the file with {messages} messages, of {spans}{more} after its beginning,"
+        " cannot be read; all others are read"
     )
 
 

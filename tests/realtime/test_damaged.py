@@ -15,7 +15,9 @@ from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
 from teleop_rt.interrupts import StopRequest
 from teleop_rt.realtime import mcap_records
-from teleop_rt.realtime.reading import read_metadata, read_topics
+from teleop_rt.realtime.export import recover
+from teleop_rt.realtime.mcap_chunk import Unreadable
+from teleop_rt.realtime.reading import read_metadata, read_records, read_topics
 from teleop_rt.realtime.recording import ONLINE, RecordingWriter
 from teleop_rt.recordings.layout import layout_of
 from teleop_rt.recordings.recording import load
@@ -43,6 +45,53 @@ def test_a_recording_damaged_in_the_middle_says_so(tmp_path, capsys):
     found = read_topics(path, [SLAVE_TOPIC])
     assert 0 < found[SLAVE_TOPIC]["tick"].size < 6000
     assert "damaged" in capsys.readouterr().err
+
+
+def chunks_of(data: bytes) -> list[tuple[int, int]]:
+    """Return where the content of each chunk begins and ends."""
+    found, at = [], len(MCAP0_MAGIC)
+    while at < len(data) - len(MCAP0_MAGIC):
+        end = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        if data[at] == int(Opcode.CHUNK):
+            found.append((at + 9, end))
+        at = end
+    return found
+
+
+@pytest.mark.parametrize("which", [0, 3, -1])
+def test_a_damaged_chunk_costs_its_own_rows_only_and_is_counted(tmp_path, capsys, which):
+    path = tmp_path / "run.mcap"
+    data = bytearray(recorded(path))
+    whole = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
+    begin, end = chunks_of(data)[which]
+    middle = (begin + end) // 2
+    data[middle : middle + 2000] = bytes(2000)
+    path.write_bytes(data)
+    (lost,) = [one for one in read_records(path) if isinstance(one, Unreadable)]
+    kept = (whole < lost.first_ns) | (whole > lost.last_ns)
+    assert lost.messages == np.count_nonzero(~kept) > 100
+    found = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
+    np.testing.assert_array_equal(found, whole[kept])
+    said = capsys.readouterr().err
+    assert said.count("cannot be read") == 1
+    assert f"1 part of the file with {lost.messages} messages" in said
+    left: list[Unreadable] = []
+    assert recover(path, tmp_path / "w.mcap", left) == found.size
+    assert left == [lost]
+    again = read_topics(tmp_path / "w.mcap", [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
+    np.testing.assert_array_equal(again, found)
+
+
+def test_a_chunk_damaged_beside_a_record_that_is_none_ends_the_reading_as_before(tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    data = bytearray(recorded(path))
+    begin, end = chunks_of(data)[3]
+    data[(begin + end) // 2 : end + 9] = bytes(end + 9 - (begin + end) // 2)
+    path.write_bytes(data)
+    stamps = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
+    np.testing.assert_array_equal(stamps, np.arange(stamps.size))
+    assert 0 < stamps.size < 3000
+    assert "damaged before byte" in capsys.readouterr().err
 
 
 def test_a_flipped_bit_is_never_read_as_if_it_were_right(tmp_path, capsys):
