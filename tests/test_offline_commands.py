@@ -57,6 +57,7 @@ def test_replay_of_a_run_gives_its_very_estimates_and_a_trace(call, tmp_path):
     assert code == 0
     assert answer["estimators"] == summary["estimators"]
     assert answer["selected"] == summary["selected"]
+    assert answer["gaps"] == {"count": 0, "samples": 0}
     of_folder = json.loads(call("replay", "run", "--json")[1])
     assert of_folder["estimators"] == answer["estimators"]
     with np.load(tmp_path / "theta.npz") as trace:
@@ -200,6 +201,9 @@ def test_missing_samples_are_counted_where_the_answer_is_read(call, tmp_path):
     kept[[1000, 1001, 3000]] = False
     recording = write_csv(tmp_path / "a.csv", t[kept], position[kept], force[kept])
     code, out, _ = call("diagnose", recording, "--surface", "0.010")
+    assert code == 0
+    assert "  3 samples missing in 2 gaps" in out.splitlines()
+    code, out, _ = call("replay", recording, "--models", "kelvin-voigt")
     assert code == 0
     assert "  3 samples missing in 2 gaps" in out.splitlines()
 

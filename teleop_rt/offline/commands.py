@@ -81,6 +81,7 @@ def print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> No
         console.print(line, highlight=False, soft_wrap=True)
     if answer["selected"] is None:
         console.print("  none is selected: no estimator is identified", highlight=False)
+    _print_gaps(partial(console.print, highlight=False, soft_wrap=True), answer)
     for note in answer["notes"]:
         console.print(f"  note: {note}", highlight=False, soft_wrap=True)
     if len(rows) > len(shown):
@@ -146,9 +147,7 @@ def print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
     if (experiment := answer["experiment"]) is not None:
         where = "" if experiment["trial"] is None else f"; run {experiment['trial']}"
         say(f"  to decide: {experiment['why']}{where}")
-    if (gaps := answer["gaps"])["samples"]:
-        samples, count = _counted(gaps["samples"], "sample"), _counted(gaps["count"], "gap")
-        say(f"  {samples} missing in {count}")
+    _print_gaps(say, answer)
     for note in answer["notes"]:
         if note not in doubts and not note.startswith(_SAID_OF_PREDICTOR):
             say(f"  note: {note}")
@@ -166,6 +165,14 @@ def print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
         say("  would have been detected (shapes: --json), above:")
         for line in _in_two_columns(seen):
             say(f"    {line}")
+
+
+def _print_gaps(say: Callable[[str], None], answer: Mapping[str, Any]) -> None:
+    """Print how many samples are missing, if any; kept answers of 0.2 do not say."""
+    gaps = answer.get("gaps", {"samples": 0})
+    if gaps["samples"]:
+        samples, count = _counted(gaps["samples"], "sample"), _counted(gaps["count"], "gap")
+        say(f"  {samples} missing in {count}")
 
 
 def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from teleop_rt.contact.models import MODELS
 from teleop_rt.diagnosis.samples.implausible import doubtful_unit, refuse_wrong_units
@@ -24,7 +25,7 @@ from teleop_rt.offline.table import Table
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.scheduling import give_back_compiler
 from teleop_rt.recordings.recording import Recording
-from teleop_rt.recordings.rows import force_noise, quantisation_step
+from teleop_rt.recordings.rows import force_noise, quantisation_step, stretches
 
 ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
 """Force that is contact, and that no longer is, in deviations of the force's noise."""
@@ -81,11 +82,19 @@ def replay(
     answer = {
         "recording": str(path),
         "samples": int(online.position.size),
+        "gaps": _gaps(online.valid),
         "estimators": rows,
         "selected": {key: rows[selected][key] for key in keys} if selected >= 0 else None,
         "notes": [note for note in (doubt, _doubtful_unit(rows, online)) if note],
     }
     return answer, trace
+
+
+def _gaps(valid: NDArray[np.bool_]) -> dict[str, int]:
+    """Return how many samples are missing between the first and the last, and in how many gaps."""
+    known = np.flatnonzero(valid)
+    gaps = stretches(~valid[known[0] : known[-1]]) if known.size else []
+    return {"count": len(gaps), "samples": sum(past - first for first, past in gaps)}
 
 
 def _doubtful_unit(rows: Sequence[dict[str, Any]], online: Online) -> str | None:

@@ -29,6 +29,7 @@ from teleop_rt.recordings.usable import (
 
 _SLOWEST_HZ = 10.0  # Hz; below it no contact of a hand or a rig is resolved
 _SLOWEST_STATED_HZ = 2.0  # Hz; a testing machine's, where the unit of time is stated
+_ROUNDING = 1e-3  # periods; a lag of whole periods leads to a sample, not past it
 _SHORT_GAP = 3  # samples that a cubic bridges better than a line, at the usual windows
 
 
@@ -161,9 +162,10 @@ def without_lag(time: Vector, force: Vector, lag_s: float) -> Vector:
         return force
     found = np.interp(time + lag_s, time, force)
     steps = np.diff(time)
-    for before in np.flatnonzero(steps > (_SHORT_GAP + GAP) * np.median(steps)):
-        begin, end = time[before], time[before + 1]
-        first, past = np.searchsorted(time, (begin - lag_s, end - lag_s), side="right")
+    period = np.median(steps)
+    for before in np.flatnonzero(steps > (_SHORT_GAP + GAP) * period):
+        at_ends = time[before : before + 2] - lag_s + _ROUNDING * period
+        first, past = np.searchsorted(time, at_ends)
         found[first : min(past, before + 1)] = np.nan
     return found
 
