@@ -283,8 +283,8 @@ def test_a_tag_is_refused_with_its_line(tmp_path):
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("operator.mean_m=5", "5.008 of penetration, and rig.limits leave a range of 0.1"),
-        ("operator.start_m=0.2", "start 0.2 is outside of rig.limits -0.05 to 0.05"),
+        ("operator.mean_m=5", "5.008 m of penetration, and rig.limits leave a range of 0.1"),
+        ("operator.start_m=0.2", "start 0.2 m is outside of rig.limits -0.05 to 0.05 m: set"),
         ("contact.onset_force_N=95", "onset_force_N: 95.0 is not below slave.force_cap_N 90"),
         ("rig.sensors.force_noise_N=1", "noise would be taken for contact"),
         ("rig.rate_hz=100", "cutoff_hz: 60 is not below a third of rig.rate_hz 100"),

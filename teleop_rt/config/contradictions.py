@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from teleop_rt.config.operator import DeviceOperator, HandOperator, ProfileOperator
+from teleop_rt.config.thousandths import meant_in_thousandths
 
 if TYPE_CHECKING:
     from teleop_rt.config.trial import TrialConfig
@@ -89,18 +90,20 @@ def _motion_out_of_range(trial: TrialConfig) -> list[str]:
     if not isinstance(profile, ProfileOperator):
         return []
     problems = []
-    scale = trial.master.position_scale
+    scale, unit = trial.master.position_scale, trial.rig.units.position
     deepest = scale * (profile.mean + profile.amplitude)
     room = limits.position_max - limits.position_min
     if deepest > room:
         problems.append(
-            f"operator: mean and amplitude make {deepest:g} of penetration, and"
-            f" rig.limits leave a range of {room:g}"
+            f"operator: mean and amplitude make {deepest:g} {unit} of penetration, and"
+            f" rig.limits leave a range of {room:g} {unit}: lower them"
+            + meant_in_thousandths((profile.mean, profile.amplitude), room / scale, unit)
         )
     start = scale * profile.start
     if not limits.position_min <= start <= limits.position_max:
         problems.append(
-            f"operator: start {start:g} is outside of rig.limits"
-            f" {limits.position_min:g} to {limits.position_max:g}"
+            f"operator: start {start:g} {unit} is outside of rig.limits"
+            f" {limits.position_min:g} to {limits.position_max:g} {unit}: set one within"
+            + meant_in_thousandths((profile.start,), limits.position_max / scale, unit)
         )
     return problems

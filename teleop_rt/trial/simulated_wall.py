@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from teleop_rt.config.operator import ProfileOperator
+from teleop_rt.config.thousandths import meant_in_thousandths
 from teleop_rt.config.trial import TrialConfig
 
 
@@ -33,7 +34,8 @@ def unmet(trial: TrialConfig, environment: Mapping[str, Any], start: float) -> l
     end = f"limits.position_max {limits.position_max:g} {position}"
     if surface >= limits.position_max:
         what = f"the surface at {surface:g} {position} is beyond {end}: nothing is touched"
-        return [Unmet(what, at, f"set {at} below it")]
+        meant = meant_in_thousandths((surface,), limits.position_max, position)
+        return [Unmet(what, at, f"set {at} below it{meant}")]
     if start > surface:
         what = f"the tool starts at {start:g} {position}, inside the body, whose surface is at "
         what += f"{surface:g} {position}: its force is taken for the sensor's zero, or arming fails"

@@ -2,12 +2,14 @@
 
 import pytest
 
+from teleop_rt.config.thousandths import meant_in_thousandths
 from teleop_rt.shipped import example, example_names
 
 OUT_OF_REACH = ("plant.environment.surface_m=0.5", "surface at 0.5 m is beyond limits.position_max")
 INSIDE = ("plant.environment.surface_m=-1", "the tool starts at 0 m, inside the body, whose")
 WALLS = [
     OUT_OF_REACH,
+    ("plant.environment.surface_m=13.7", "below it (in mm? 13.7 mm are 0.0137 m)"),
     INSIDE,
     ("plant.start_m=0.02", "set plant.environment.surface_m above plant.start_m"),
     ("plant.environment.surface_m=0.05", "past limits.position_max 0.06 m"),
@@ -39,3 +41,24 @@ def test_the_summary_explains_a_wall_that_is_not_met(change, said, call):
     lines = out.splitlines()
     assert [line for line in lines if "note" in line and said in line]
     assert [line for line in lines if line.startswith("!  model ") and "none selected" in line]
+
+
+def test_a_motion_in_millimetres_is_refused_with_its_units_and_a_question(call):
+    changes = ("--set", "operator.mean_m=12", "--set", "operator.amplitude_m=8")
+    code, _, err = call("check", "silicone_cube", *changes)
+    assert code != 0
+    assert "make 20 m of penetration, and rig.limits leave a range of 0.12 m: lower them" in err
+    assert "(in mm? 12 mm are 0.012 m and 8 mm are 0.008 m)" in err
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((0.5,), ""),
+        ((200.0,), ""),
+        ((8.0, 0.01), " (in mrad? 8 mrad are 0.008 rad)"),
+        ((-8.0,), " (in mrad? -8 mrad are -0.008 rad)"),
+    ],
+)
+def test_only_values_that_fit_as_thousandths_are_asked_for(values, said):
+    assert meant_in_thousandths(values, 0.12, "rad") == said
