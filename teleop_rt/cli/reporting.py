@@ -13,11 +13,13 @@ from teleop_rt.trial.rebuild import rebuilt_summary
 from teleop_rt_drivers.simulated.reference import environment_force
 
 
-def rebuilt(folder: Path, slave: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the summary of a run that could not write its own."""
+def rebuilt(
+    folder: Path, slave: Mapping[str, Any], written: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the summary of a recording whose run wrote none, or one of a longer recording."""
     trial = load_trial_file(folder / TRIAL, None)
     reference = environment_force if trial.plant is not None else None
-    return rebuilt_summary(folder, trial, slave, reference)
+    return rebuilt_summary(folder, trial, slave, reference, written)
 
 
 def felt_of(folder: Path, slave: Columns, master: Columns) -> Felt | None:

@@ -1,4 +1,4 @@
-"""The summary of a run that ended before it could write one, from its recording."""
+"""The summary of a run from its recording: it wrote none, or one of more than is recorded here."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from teleop_rt.trial.late import recorded
 from teleop_rt.trial.simulated_advice import next_step_of
 from teleop_rt.trial.summary import summarise
 
+_REPORTED = ("began_at", "software", "clock", "seed")
+"""Keys of a summary that are true of every part of its run."""
 _INCOMPLETE = "the run ended before its processes could report their counts"
 
 
@@ -24,10 +26,12 @@ def rebuilt_summary(
     trial: TrialConfig,
     slave: Mapping[str, NDArray[np.float64]],
     environment_force: EnvironmentForce | None,
+    written: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return a summary as `run` writes it; values that only the processes knew are null, and noted.
 
-    `slave` holds the ticks of the slave that can be read, at least one.
+    `slave` holds the ticks of the slave that can be read, at least one. `written` is the summary
+    that the run wrote, if any, of a recording that lacks ticks now.
     """
     state, fault = int(slave["state"][-1]), FAULTS.get(int(slave["fault"][-1]))
     simulated = trial.plant is not None
@@ -50,6 +54,12 @@ def rebuilt_summary(
         "safety": {"state": State(state).name, "fault": reported},
         "recorder": {"dropped": None},
     }
+    if written is not None:
+        outcome["missed_ticks"] = None  # ticks that cannot be read are not those that were missed
+        outcome["safety"]["fault"] = written["safety"]["fault"]
     summary = summarise(folder, trial, outcome, environment_force)
-    summary["notes"].append(f"{_INCOMPLETE}: this summary uses only the recording")
-    return summary
+    if written is None:
+        summary["notes"].append(f"{_INCOMPLETE}: this summary uses only the recording")
+        return summary
+    summary["notes"].append("summary.json is of the whole run; this one uses only the recording")
+    return summary | {key: written[key] for key in _REPORTED if key in written}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +22,16 @@ from teleop_rt.view.run_folder import (
     Columns,
     FeltOf,
     Run,
+    lacking,
+    lacks_ticks,
     load_run,
     read_every_tick,
     read_recorded,
 )
 
 _MOST_NAMED = 2  # runs in the name of a comparison's page
-Rebuild = Callable[[Path, Columns], Mapping[str, Any]]
-"""(run folder, ticks of the slave) -> the summary that the run could not write any more."""
+Rebuild = Callable[[Path, Columns, Mapping[str, Any] | None], Mapping[str, Any]]
+"""(run folder, ticks of the slave, the summary that the run wrote) -> that of its recording."""
 
 
 def report_of_run(folder: Path, summary: Mapping[str, Any], felt_of: FeltOf) -> Path | None:
@@ -77,7 +82,10 @@ def compare_folders(
 
 
 def _open_run(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Run:
-    """Return a run folder; a summary that is missing is rebuilt. Raises RecordingError."""
+    """Return a run folder; a summary that is missing, or of more ticks, is rebuilt.
+
+    A missing part of the recording is reported once. Raises RecordingError.
+    """
     summary = read_summary(folder)
     if summary is not None and "side" in summary:
         raise RecordingError(
@@ -85,9 +93,17 @@ def _open_run(folder: Path, rebuild: Rebuild, felt_of: FeltOf) -> Run:
             f" the folder of the other one, too; `teleop-rt live {folder}` shows this recording"
         )
     topics = read_recorded(folder)
-    if summary is None:
-        summary = plain_json(rebuild(folder, read_every_tick(folder)))
-    return load_run(folder, summary, topics, felt_of)
+    if summary is not None and not lacks_ticks(summary, topics["/slave"]):
+        return load_run(folder, summary, topics, felt_of)
+    rebuilt = plain_json(rebuild(folder, read_every_tick(folder), summary))
+    lacks = lacking(rebuilt, summary)
+    _say_once(folder, f"{lacks[0].lower()}{lacks[1:]}")
+    return replace(load_run(folder, rebuilt, topics, felt_of), lacks=lacks)
+
+
+@cache
+def _say_once(folder: Path, lacks: str) -> None:
+    print(f"{folder}: {lacks}", file=sys.stderr)
 
 
 @contextmanager

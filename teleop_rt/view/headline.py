@@ -13,26 +13,27 @@ from teleop_rt.trial.softened import calmed, softened, unfollowed
 from teleop_rt.view.delay import Delays
 from teleop_rt.view.html import Tile
 from teleop_rt.view.quantities import small_position
-from teleop_rt.view.run_folder import Run
+from teleop_rt.view.run_folder import MOVING, Run
 from teleop_rt.view.style import count_in_words, model_name, number, parameter, with_unit
 
 _LEAST_LAG_MS = 0.01  # of which the cross-correlation of a run says nothing more
-_MOVING = frozenset({"ARMED", "RUN", "HOLD"})
 
 
-def verdict(summary: Mapping[str, Any], tiles: list[Tile]) -> tuple[str, str]:
-    """Return grade and sentence for the whole run."""
+def verdict(summary: Mapping[str, Any], tiles: list[Tile], lacks: str = "") -> tuple[str, str]:
+    """Return grade and sentence for the whole run, of which the recording may lack a part."""
     fault = summary["safety"]["fault"]
     if fault["code"] != 0:
-        return "bad", f"Stopped: {fault['cause']}. Next: {fault['next_step']}."
-    if summary["safety"]["state"] in _MOVING:
+        stopped = f"Stopped: {fault['cause']}. Next: {fault['next_step']}."
+        return "bad", f"{stopped} {lacks}".rstrip()
+    if lacks:
+        return "attention", lacks
+    if summary["safety"]["state"] in MOVING:
         return "attention", f"Cut off in state {summary['safety']['state']}, before its end."
     ran = "Interrupted" if summary.get("interrupted") else "Ran to its end"
     weak = [tile.title.lower() for tile in tiles if tile.grade in {"attention", "bad"}]
-    if weak:
-        return "attention", f"{ran} without a fault; look at: {', '.join(weak)}."
-    if any(grade == "attention" for grade, _ in graded_notes(summary)):
-        return "attention", f"{ran} without a fault; read the notes below."
+    if weak or any(grade == "attention" for grade, _ in graded_notes(summary)):
+        look = f"look at: {', '.join(weak)}" if weak else "read the notes below"
+        return "attention", f"{ran} without a fault; {look}."
     if summary.get("interrupted"):
         return "attention", f"{ran} without a fault, and nothing below needs attention."
     return "good", "It worked: ran to its end without a fault, and nothing below needs attention."

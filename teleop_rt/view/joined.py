@@ -36,7 +36,7 @@ _ALIGNED = (
     " half of the difference between the two ways of the link"
 )
 _OF_SLAVE = ("safety", "missed_ticks", "late", "recorder")
-Rebuild = Callable[[Path, Columns], Mapping[str, Any]]
+Rebuild = Callable[[Path, Columns, Mapping[str, Any] | None], Mapping[str, Any]]
 """As in `view.commands`."""
 
 
@@ -64,7 +64,7 @@ def open_joined(folders: Sequence[Path], rebuild: Rebuild) -> Run:
     ahead_ns, models = clock_ahead_ns(topics["/slave"], read.get(_MASTER, {}), trip_ms)
     columns = read[_MASTER]
     topics[_MASTER] = {**columns, "stamp_ns": columns["stamp_ns"] - ahead_ns}
-    summary = plain_json(rebuild(of_slave, read_every_tick(of_slave)))
+    summary = plain_json(rebuild(of_slave, read_every_tick(of_slave), None))
     summary |= {key: counted[key] for key in _OF_SLAVE}
     refused = counted["link"]["rejected"] + counted_there["link"]["rejected"]
     summary["link"] = counted["link"] | {"master": counted_there["link"], "refused": refused}

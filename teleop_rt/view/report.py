@@ -65,7 +65,7 @@ def content(run: Run) -> dict[str, Any]:
         "summary": run.summary,
         "software": run.summary.get("software") or {},
         "tiles": answers,
-        "verdict": verdict(run.summary, answers),
+        "verdict": verdict(run.summary, answers, run.lacks),
         "notes": graded_notes(run.summary),
         "selected": selected_row(run.summary),
         "step": run.step,

@@ -21,6 +21,7 @@ from teleop_rt.realtime.reading import read_topics
 from teleop_rt.trial.felt_force import SIGNALS as FELT_SIGNALS
 from teleop_rt.trial.felt_force import Felt
 from teleop_rt.trial.folder import LOG, RECORDING, TRIAL, recording_of
+from teleop_rt.trial.grades import WHOLE_S
 
 TOPICS = ("/slave", "/master", "/estimates/")
 MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
@@ -29,6 +30,8 @@ few thousand dots wide."""
 ROWS_OF_LONGER = {"/slave": 150_000, "/master": 150_000, "/estimates/": 30_000}
 """Of a longer run one in 2, 4, 8, ... is read, down to these: six times the points of a curve on
 the screen. To read 600 000 took half of the time of a report."""
+MOVING = frozenset({"ARMED", "RUN", "HOLD"})
+"""States of the slave in which no run ends by itself."""
 MASTER_SIGNALS = (*FELT_SIGNALS, "model_sequence", "port_energy", "adoption_energy")
 _SIGNALS = {
     "/slave": (
@@ -67,6 +70,8 @@ class Run:
     events: list[dict[str, Any]]
     felt: Felt | None = None
     """Felt force beside the true one; None where the environment is not known."""
+    lacks: str = ""
+    """Sentence on the missing part of the recording; empty where it is whole."""
 
     @property
     def slave(self) -> Columns:
@@ -167,6 +172,33 @@ def read_every_tick(folder: Path) -> Columns:
     """Return the data to rebuild a summary from: every tick of the slave, however many."""
     names = {"/slave": ("tick", "state", "fault", "wake_latency_us", "work_us")}
     return read_topics(folder / RECORDING, ["/slave"], names)["/slave"]
+
+
+def lacks_ticks(summary: Mapping[str, Any], slave: Columns) -> bool:
+    """Return whether a recording has fewer ticks, or a shorter time, than its summary was made of.
+
+    Ticks of a longer run are not all read, and only their time is compared.
+    """
+    recorded_s = float(slave["stamp_ns"][-1] - slave["stamp_ns"][0]) * 1e-9
+    if summary["duration_s"] - recorded_s > WHOLE_S:
+        return True
+    return bool(slave["tick"].size < summary["ticks"] <= MOST_ROWS["/slave"])
+
+
+def lacking(rebuilt: Mapping[str, Any], written: Mapping[str, Any] | None) -> str:
+    """Return the sentence on a missing part, from the summary of the rest and that of the run."""
+    recorded_s, planned_s = rebuilt["duration_s"], rebuilt["planned_s"]
+    if written is not None:
+        lost = "cut off" if written["duration_s"] - recorded_s > WHOLE_S else "damaged"
+        return (
+            f"The recording is {lost}: {recorded_s:.1f} of {written['duration_s']:.1f} s of the run"
+            f" and {rebuilt['ticks']} of {written['ticks']} ticks can be read, and only these are"
+            " judged."
+        )
+    recorded = f"{recorded_s:.1f} of {planned_s:g} s are recorded."
+    if rebuilt["safety"]["state"] in MOVING:
+        return f"Cut off in state {rebuilt['safety']['state']}, before its end: {recorded}"
+    return f"The run did not report its end: {recorded}"
 
 
 def load_run(

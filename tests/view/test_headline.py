@@ -14,6 +14,16 @@ def _summary(**more: Any) -> dict[str, Any]:
     return {"safety": {"fault": {"code": 0}, "state": "DISARMED"}, "notes": [], **more}
 
 
+@pytest.mark.parametrize("code", [0, 7])
+def test_a_recording_that_lacks_a_part_is_never_said_to_have_run_to_its_end(code: int) -> None:
+    summary = _summary()
+    summary["safety"]["fault"] |= {"code": code, "cause": "too hot", "next_step": "cool it"}
+    grade, text = verdict(summary, [], "The recording is cut off.")
+    assert grade == ("bad" if code else "attention")
+    assert text.endswith("The recording is cut off.")
+    assert ("Stopped: too hot." in text) == bool(code)
+
+
 @pytest.mark.parametrize("grade", ["good", "attention"])
 def test_a_run_that_was_interrupted_did_not_run_to_its_end(grade: str) -> None:
     tiles = [Tile("Loop", grade, "", ())]

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC
 from schema_checks import violations
 
 from teleop_rt.cli import main
@@ -283,11 +285,77 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_can_be_read(good, call,
     recording = (good / "recording.mcap").read_bytes()
     (cut / "recording.mcap").write_bytes(recording[: 2 * len(recording) // 3])
     code, out, err = call("report", cut)
-    assert (code, out.strip(), err) == (0, str(cut / "report.html"), "")
+    assert (code, out.strip()) == (0, str(cut / "report.html"))
+    said = re.fullmatch(r".*/cut: (cut off in state RUN.*: 4\.[0-9] of 7 s are recorded\.)\n", err)
+    assert said is not None
     screen = first_screen(cut)
-    assert "Cut off in state RUN" in screen
+    assert f"C{said[1][1:]}" in screen
     assert "this summary uses only the recording" in screen
     assert not (cut / "summary.json").exists()
+
+
+@pytest.mark.usefixtures("no_charts")
+def test_a_recording_that_is_shorter_than_its_summary_is_judged_by_itself(good, call, tmp_path):
+    cut = tmp_path / "cut"
+    shutil.copytree(good, cut)
+    recording = (good / "recording.mcap").read_bytes()
+    (cut / "recording.mcap").write_bytes(recording[: 4 * len(recording) // 5])
+    code, out, err = call("report", cut, "--figures", tmp_path / "figures")
+    assert (code, out.splitlines()[0]) == (0, str(cut / "report.html"))
+    said = re.fullmatch(
+        r".*/cut: the (recording is cut off: (5\.[0-9]) of 7\.0 s of the run and ([0-9]+)"
+        r" of ([0-9]+) ticks can be read, and only these are judged\.)\n",
+        err,
+    )
+    assert said is not None
+    whole = read_summary(good)
+    assert int(said[4]) == whole["ticks"]
+    assert int(said[3]) == pytest.approx(1000 * float(said[2]), abs=60)
+    screen = first_screen(cut)
+    assert f"The {said[1]}" in screen
+    assert "Ran to its end" not in screen
+    assert f"1000 Hz for {said[2]} of 7 s" in screen
+    assert f"of {whole['ticks']} ticks missed" not in screen
+    assert "ended before its processes could report" not in screen
+    assert "too little contact" not in screen
+    assert f'<time datetime="{whole["began_at"]}">' in screen
+    assert read_summary(cut) == whole, "what the run wrote is kept"
+
+
+@pytest.mark.usefixtures("no_charts")
+def test_a_recording_damaged_in_the_middle_is_said_to_be(good, call, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(good, folder)
+    data = bytearray((good / "recording.mcap").read_bytes())
+    ends, at = [], len(MCAP0_MAGIC)
+    while at < len(data) - len(MCAP0_MAGIC):
+        at, kind = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little"), data[at]
+        ends += [at] if kind == int(Opcode.CHUNK) else []
+    middle = ends[len(ends) // 2]
+    data[middle - 3000 : middle - 2000] = bytes(1000)
+    (folder / "recording.mcap").write_bytes(data)
+    code, _, err = call("report", folder)
+    assert code == 0
+    assert "messages" in err
+    assert "recording is damaged: 7.0 of 7.0 s of the run" in err
+    screen = first_screen(folder)
+    assert "The recording is damaged" in screen
+    assert "ticks missed" not in screen
+
+
+@pytest.mark.usefixtures("no_charts")
+def test_a_run_without_a_summary_did_not_report_its_end(good, call, tmp_path):
+    killed = tmp_path / "killed"
+    shutil.copytree(good, killed)
+    (killed / "summary.json").unlink()
+    code, _, err = call("report", killed)
+    assert (code, err) == (
+        0,
+        f"{killed}: the run did not report its end: 7.0 of 7 s are recorded.\n",
+    )
+    screen = first_screen(killed)
+    assert "The run did not report its end: 7.0 of 7 s are recorded." in screen
+    assert "Ran to its end" not in screen
 
 
 @pytest.mark.parametrize("left", ["", '{"trial": "sili', "null"])
