@@ -25,7 +25,7 @@ class MasterConfig(Section):
         gt=0,
         description=(
             "Largest step of the rendered force per tick that a new model may cause; smaller takes"
-            " longer to adopt it."
+            " longer to adopt it. The hand's motion on a wall may change the force by more."
         ),
     )
     device_damping: Annotated[float | None, Quantity("{f}_s_per_{x}")] = Field(

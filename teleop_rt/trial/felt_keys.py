@@ -93,7 +93,8 @@ class FeltForce(Keys):
     offset: WallOffset | None
     """How far from its true place the wall is felt; null without a touch."""
     largest_force_step: float | None
-    """Largest step of the rendered force between ticks [N or Nm]; null where none was recorded."""
+    """Largest step of the rendered force between ticks, by the hand's motion or by a new model
+    [N or Nm]; null where none was recorded. `rendering.adoption` has that of new models alone."""
     unfelt: Unfelt | None
     """When the tool most exceeded the felt force; null without converged contact."""
     reason: NotRequired[str]

@@ -186,6 +186,16 @@ def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str,
         yield "surface: worst error", f"{error} (at {met['surface_error_s']:.1f} s)"
 
 
+def step_in_words(master: Mapping[str, Any], units: Units) -> str:
+    """Return the largest step of the felt force, and that of new models, which the trial limits."""
+    unit = f" {units.force}"
+    largest = _number(master["largest_force_step"], unit, 3)
+    adoption = (master.get("rendering") or {}).get("adoption")
+    if adoption is None:
+        return largest
+    return f"{largest}, by a new model at most {_number(adoption['largest_force_step'], unit, 3)}"
+
+
 def offset_lines(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
     """Give how far from its true place the wall is felt."""
     if (offset := master.get("offset")) is None:  # earlier summaries have none
@@ -268,7 +278,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *worst_lines(summary, units),
         *offset_lines(master, units),
         *leash_lines(master, units),
-        ("largest force step", _number(master["largest_force_step"], f" {units.force}", 3)),
+        ("largest force step", step_in_words(master, units)),
         ("model", model_in_words(summary)),
         ("link", packets_in_words(link)),
         ("round trip", round_trip),

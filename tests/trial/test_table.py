@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from teleop_rt.config.section import Units
 from teleop_rt.trial.summary import adequacy_of
-from teleop_rt.trial.table import estimator_lines, felt_lines, model_in_words
+from teleop_rt.trial.table import estimator_lines, felt_lines, model_in_words, step_in_words
 
 ROW = {"model": "kelvin-voigt", "regression": "direct", "solver": "rls"}
 ADEQUATE = {"inadequate": False, "raised": False, "first_raised_s": None}
@@ -55,3 +56,15 @@ def test_an_estimator_that_did_not_settle_has_words_and_no_dash():
     unsettled["estimators"][0]["convergence_s"] = None
     (line,) = estimator_lines(unsettled)
     assert line.endswith("NRMSE 0.01, not settled")
+
+
+@pytest.mark.parametrize(
+    ("rendering", "said"),
+    [
+        (None, "0.891 N"),
+        ({"adoption": {"largest_force_step": 0.308}}, "0.891 N, by a new model at most 0.308 N"),
+    ],
+)
+def test_the_step_that_the_trial_limits_stands_beside_the_largest(rendering, said):
+    master = {"largest_force_step": 0.891, "rendering": rendering}
+    assert step_in_words(master, Units(position="m", force="N")) == said
