@@ -246,3 +246,11 @@ def test_a_rate_beside_a_column_of_times_is_refused(call, tmp_path, command):
     code, _, errors = call(command, path, "--rate", 1000)
     assert code == 2
     assert "has a column with times: leave out --rate" in errors
+
+
+def test_all_unknown_names_are_refused_at_once(call, tmp_path):
+    good = write_csv(tmp_path / "good.csv", *press())
+    code, _, err = call("replay", good, "--models", "kelvin", "--solvers", "foo")
+    assert code == 2
+    assert "unknown model 'kelvin'; did you mean 'kelvin-voigt'?" in err
+    assert "unknown solver 'foo'; one of: rls" in err

@@ -115,8 +115,9 @@ def rows_for(
 ) -> list[RowSpec]:
     """Return every allowed combination, in the order given.
 
-    Raises ValueError for an unknown name, or when nothing allowed is left.
+    Raises ValueError for unknown names, each on a line, or when nothing allowed is left.
     """
+    unknown = []
     chosen = (tuple(models), tuple(regressions), tuple(solvers))
     for names, known, kind in zip(
         chosen,
@@ -124,9 +125,11 @@ def rows_for(
         ("model", "regression", "solver"),
         strict=True,
     ):
-        for name in names:
-            if name not in known:
-                raise ValueError(f"unknown {kind} {name!r}; {_meant(name, known)}")
+        unknown += [
+            f"unknown {kind} {name!r}; {_meant(name, known)}" for name in names if name not in known
+        ]
+    if unknown:
+        raise ValueError("\n".join(unknown))
     rows = [
         RowSpec(model, regression, solver, effects, scales)
         for model in chosen[0]
