@@ -13,7 +13,7 @@ from rich.table import Table
 from teleop_rt.errors import RecordingError
 from teleop_rt.metrics import in_percent
 from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
-from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_safety, worst
+from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_loop, of_safety, worst
 from teleop_rt.trial.summary_file import read_summary
 from teleop_rt.view.run_folder import read_trial
 from teleop_rt.view.style import model_name, parameter
@@ -94,7 +94,7 @@ def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
         began_at=summary.get("began_at") or began_at(folder),
         trial=summary["trial"],
         grade=grade,
-        why=_why(graded, grade),
+        why=_why(graded, grade, _parts(summary)),
         ended=str(summary["safety"]["state"]) if fault == "none" else str(fault),
         model=chosen.get("model"),
         parameters={
@@ -105,11 +105,18 @@ def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
     )
 
 
-def _why(graded: Mapping[str, Grade], grade: Grade) -> str:
+def _parts(summary: Mapping[str, Any]) -> dict[str, str]:
+    """Return the words for the parts; a loop in time is no cause, where somebody ended the run."""
+    in_time = of_loop(summary["missed_ticks"], summary["ticks"]) == "good"
+    ended = {"loop": "interrupted"} if summary.get("interrupted") and in_time else {}
+    return _PARTS | ended
+
+
+def _why(graded: Mapping[str, Grade], grade: Grade, words: Mapping[str, str]) -> str:
     """Return the parts that have the run's own grade, where that is attention or bad."""
     if grade not in {"attention", "bad"}:
         return ""
-    return ", ".join(_PARTS.get(part, part) for part, one in graded.items() if one == grade)
+    return ", ".join(words.get(part, part) for part, one in graded.items() if one == grade)
 
 
 def print_runs(console: Console, runs: Iterable[Listed]) -> None:
