@@ -19,7 +19,7 @@ from teleop_rt.service.keeper import kept
 from teleop_rt.service.place import Claim
 from teleop_rt.service.status import DESCRIPTION
 from teleop_rt.trial.estimators import recording_metadata
-from teleop_rt.trial.folder import LOG, write_json
+from teleop_rt.trial.folder import LOG, date_of, write_json
 from teleop_rt.trial.processes import Child, TrialProcesses, start_recorder
 
 SERVER = "commands"
@@ -108,7 +108,7 @@ def alone(
 ) -> Iterator[Alone]:
     """Give a side that was started alone its ring folder, which a process of its own records."""
     with new_ring_folder() as ring_folder:
-        describe(ring_folder, recording_metadata(trial))
+        describe(ring_folder, recording_metadata(trial, date_of()))
         processes = TrialProcesses(folder / LOG, loop_cpu=trial.rig.realtime.cpu)
         try:
             recorder = start_recorder(processes, ring_folder, folder)

@@ -20,7 +20,7 @@ from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.recorded import estimated_samples
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
-from teleop_rt.realtime.recording import ONLINE, RUN
+from teleop_rt.realtime.recording import BEGAN_AT, ONLINE, RUN
 from teleop_rt.realtime.rotation import SIZES
 
 Array = NDArray[np.float64]
@@ -113,8 +113,13 @@ def make_pipeline(trial: TrialConfig) -> Pipeline:
     return pipeline
 
 
-def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
-    """Return the metadata of a recording, which allow an exact replay."""
+def recording_metadata(
+    trial: TrialConfig, began_at: str | None = None
+) -> dict[str, dict[str, str]]:
+    """Return the metadata of a recording, which allow an exact replay.
+
+    `began_at` is the date, for its stamps have none; None where a recording is to be repeatable.
+    """
     units = (trial.rig.units.position, trial.rig.units.force)
     extension = trial_extension(trial)
     rows = trial_rows(trial, extension)
@@ -122,7 +127,8 @@ def recording_metadata(trial: TrialConfig) -> dict[str, dict[str, str]]:
     online = online_metadata(pipeline_settings(trial), rows, units, extended, trial.effects_file)
     return {
         ONLINE: online,
-        RUN: {"trial": trial.name, "rig": trial.rig.name},
+        RUN: {"trial": trial.name, "rig": trial.rig.name}
+        | ({} if began_at is None else {BEGAN_AT: began_at}),
         SIZES: _sizes(trial.rig.recording),
     }
 

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from teleop_rt.config.trial import TrialConfig
 from teleop_rt.errors import BAD_INPUT, RecordingError
 from teleop_rt.outputs import refuse_filled, unwritable, write_whole
 from teleop_rt.realtime.parts import parts
-from teleop_rt.realtime.reading import read_topics
+from teleop_rt.realtime.reading import read_metadata, read_topics
+from teleop_rt.realtime.recording import BEGAN_AT, RUN
 
 RECORDING = "recording.mcap"
 TRIAL = "trial.yaml"
@@ -74,13 +75,25 @@ def _refuse_unreadable(recording: Path) -> None:
 def began_at(folder: Path) -> str | None:
     """Return when the run of a folder began: date, time and zone (ISO 8601), None where unknown.
 
-    The trial is written right before a run begins; without it, the recording's own time stands.
+    As the recording says: a copied file may have the time of the copy. A recording on the simulated
+    clock says nothing; the trial is written right before a run begins, and else the recording's own
+    time stands.
     """
+    with suppress(RecordingError):
+        if parts(folder / RECORDING):
+            recorded = (read_metadata(folder / RECORDING, RUN) or {}).get(BEGAN_AT)
+            if recorded is not None:
+                return recorded
     for name in (TRIAL, RECORDING):
         if (folder / name).is_file():
-            written_s = (folder / name).stat().st_mtime
-            return datetime.fromtimestamp(written_s).astimezone().isoformat(timespec="seconds")
+            return date_of((folder / name).stat().st_mtime)
     return None
+
+
+def date_of(epoch_s: float | None = None) -> str:
+    """Return date, time and zone (ISO 8601) of a time [s since the epoch], by default now."""
+    when = datetime.now() if epoch_s is None else datetime.fromtimestamp(epoch_s)
+    return when.astimezone().isoformat(timespec="seconds")
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from teleop_rt.realtime.leftovers import began_ns
 from teleop_rt.realtime.ring_folder import describe, new_ring_folder
 from teleop_rt.service.place import claimed, refuse_commands
 from teleop_rt.trial.estimators import recording_metadata
-from teleop_rt.trial.folder import LOG, TRUTH, write_json
+from teleop_rt.trial.folder import LOG, TRUTH, date_of, write_json
 from teleop_rt.trial.processes import Child, Gate, ProcessFailedError, TrialProcesses
 from teleop_rt.trial.recorder_main import main as record
 from teleop_rt.trial.sides import merge_outcomes
@@ -63,7 +63,7 @@ def run_processes(
         key = Path(trial.link.key_file) if trial.link.key_file else ring_folder / "link.key"
         if trial.link.key_file is None:
             generate_key(key)
-        describe(ring_folder, recording_metadata(trial))
+        describe(ring_folder, recording_metadata(trial, date_of()))
         processes = TrialProcesses(folder / LOG, "slave", trial.rig.realtime.cpu)
         try:
             side = partial(run_side, folder=folder, ring_folder=ring_folder, key=key)

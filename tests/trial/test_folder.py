@@ -1,14 +1,20 @@
-"""The folder of a run: one that could not begin leaves none."""
+"""The folder of a run: its date, and that one that could not begin leaves none."""
 
 from __future__ import annotations
 
+import os
 import sys
+from datetime import datetime
 from types import FrameType
 from typing import Any
 
 import pytest
 
+from teleop_rt.config.section import Units
+from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.trial import folder
+from teleop_rt.trial.estimators import recording_metadata
+from teleop_rt_dev.trial.files import silicone
 
 
 class InterruptedAt:
@@ -62,3 +68,18 @@ def test_a_folder_that_was_filled_stays(tmp_path):
     with folder.folder_if_filled(tmp_path / "loop", "trial") as given:
         (given / "first").mkdir()
     assert (tmp_path / "loop" / "first").is_dir()
+
+
+def test_the_date_of_a_run_is_that_of_its_recording_whatever_its_files_have(tmp_path):
+    trial = silicone()
+    began = "2026-01-02T03:04:05+00:00"
+    for name, date in (("real", began), ("simulated", None)):
+        place = tmp_path / name
+        place.mkdir()
+        folder.write_trial(place, trial)
+        os.utime(place / folder.TRIAL, (1e9, 1e9))
+        units = Units(position="m", force="N")
+        RecordingWriter(place / folder.RECORDING, units, recording_metadata(trial, date)).close()
+    assert folder.began_at(tmp_path / "real") == began
+    copied = datetime.fromisoformat(str(folder.began_at(tmp_path / "simulated")))
+    assert copied.timestamp() == 1e9

@@ -13,7 +13,8 @@ from lean_install import without_report
 from machine_witness import undisturbed
 
 from teleop_rt.realtime import ring_folder
-from teleop_rt.realtime.reading import read_topics
+from teleop_rt.realtime.reading import read_metadata, read_topics
+from teleop_rt.realtime.recording import RUN
 from teleop_rt.realtime.ring_folder import new_ring_folder
 from teleop_rt.slave.faults import State
 from teleop_rt_dev.trial.closed_loop import run_into
@@ -216,6 +217,9 @@ def test_ctrl_c_ends_a_run_cleanly_with_a_summary(tmp_path):
     summary = json.loads((running.out / "summary.json").read_text())
     assert summary["safety"]["state"] == "DISARMED"
     assert summary["interrupted"]
+    recorded = read_metadata(running.out / "recording.mcap", RUN)
+    assert recorded is not None
+    assert recorded["began_at"] == summary["began_at"]
     assert summary["grades"]["loop"] == "attention"
     assert summary["notes"][-1].startswith("interrupted after ")
     assert summary["duration_s"] < 55
