@@ -23,7 +23,10 @@ def softened(master: Mapping[str, Any], units: Units) -> str | None:
         return None
     soft, stiff = values
     unit = f"{units.force}/{units.position}"
-    said = f"at most {soft} {unit} is passive on this device; with its damping the wall has {stiff}"
+    said = (
+        f"this device can render at most {soft} {unit} of the wall's {stiff} {unit}, its damping"
+        " included: a stiffer wall would not be passive on it"
+    )
     return _with_share(said, master, units)
 
 
@@ -37,8 +40,10 @@ def calmed(master: Mapping[str, Any], units: Units) -> str | None:
         return None
     calm, damped = values
     unit = f"{units.force} s/{units.position}"
-    said = f"beside its stiffness at most {calm} {unit} is passive on this device; the wall has "
-    said += damped
+    said = (
+        f"this device can render at most {calm} {unit} of the wall's damping of {damped} {unit}:"
+        " with more, beside its stiffness, the wall would not be passive on it"
+    )
     return said if _reduced(master, "stiffness") else _with_share(said, master, units)
 
 
@@ -72,17 +77,20 @@ def unfollowed(master: Mapping[str, Any], units: Units) -> str | None:
     small = "mm" if units.position == "m" else "mrad"
     tool, surface = (f"{1e3 * unfelt[key]:.4g} {small}" for key in ("tool", "surface"))
     if unfelt["tool"] <= unfelt["surface"]:
-        why = f"it met the body at {tool}, before the rendered surface at {surface}"
+        why = f"the tool met the body at {tool}, before the rendered surface at {surface}"
     else:
-        why = f"at {tool} the model then rendered, with its surface at {surface}, has at most "
-        why += f"{unfelt['modelled']:.3g} {units.force}"
-    why += f": if the surface moves, contact.surface_tracking_hz {unfelt['tracking_hz']:g} "
-    why += "did not follow it" if unfelt["tracking_hz"] else "follows none"
+        why = f"the model rendered then has its surface at {surface}, and gives at most "
+        why += f"{unfelt['modelled']:.3g} {units.force} at {tool}, where the tool was"
+    why += ": if the surface moves, "
+    if unfelt["tracking_hz"]:
+        why += f"contact.surface_tracking_hz {unfelt['tracking_hz']:g} did not follow it"
+    else:
+        why += "set contact.surface_tracking_hz, for at 0 none is followed"
     return f"{_pressed_and_felt(unfelt, units)}; {why}"
 
 
 def _pressed_and_felt(unfelt: Mapping[str, Any], units: Units) -> str:
     return (
-        f"{unfelt['share']:.0%} at {unfelt['at_s']:.1f} s: the tool pressed with "
-        f"{unfelt['pressed']:.3g} {units.force} and the hand felt {unfelt['felt']:.3g}"
+        f"at {unfelt['at_s']:.1f} s the tool pressed with {unfelt['pressed']:.3g} {units.force} "
+        f"and the hand felt {unfelt['felt']:.3g} {units.force}, {unfelt['share']:.0%} of it"
     )

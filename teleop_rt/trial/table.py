@@ -145,7 +145,7 @@ def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "first tick", f"{seconds:.1f} s after the command"
 
 
-def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _handle(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
     """Give the true force on a simulated hand, and the stiffest wall that its device can render."""
     if (port := master.get("true_port")) is None:
         return
@@ -153,20 +153,26 @@ def _handle(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "at the device's true port", f"NRMSE {error}, lag {lag}"
     passivity = master["rendering"]["passivity"]
     stiffness = passivity["stiffness"]
-    most, needed = _number(passivity["stiffness_max"], "", 4), passivity["required_damping"]
-    rendered, true = (_number(stiffness[key], "", 4) for key in ("rendered", "true"))
-    needs = f"this wall needs a device damping of {_number(needed, '', 3)}"
-    yield "rendered stiffness", f"{rendered} of {true}, without damping at most {most}; {needs}"
+    unit, of_damping = f"{units.force}/{units.position}", f" {units.force} s/{units.position}"
+    most, rendered, true = (
+        f"{float(f'{value:.4g}'):g}"
+        for value in (passivity["stiffness_max"], stiffness["rendered"], stiffness["true"])
+    )
+    needed = _number(passivity["required_damping"], of_damping, 3)
+    said = (
+        f"{rendered} of the wall's {true} {unit}; a wall without damping could have {most} {unit}"
+    )
+    yield "rendered stiffness", f"{said}, and this one needs a device damping of {needed}"
 
 
 def _unfelt(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
     """Give the lines of a tool that pressed harder than was felt, by their cause."""
     if (said := softened(master, units)) is not None:
-        yield "felt of a stiff wall", said
+        yield "stiff wall", said
     if (said := calmed(master, units)) is not None:
-        yield "felt of a damped wall", said
+        yield "damped wall", said
     if (said := unfollowed(master, units)) is not None:
-        yield "felt of a wall not followed", said
+        yield "wall not followed", said
 
 
 def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
@@ -273,7 +279,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         *_on_time(summary),
         ("surface found / true", f"{surface}, {_contacts(contact)}"),
         *felt_lines(master),
-        *_handle(master),
+        *_handle(master, units),
         *_unfelt(master, units),
         *worst_lines(summary, units),
         *offset_lines(master, units),

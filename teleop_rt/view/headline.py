@@ -12,7 +12,7 @@ from teleop_rt.trial.late import on_hardware, stalls
 from teleop_rt.trial.softened import calmed, softened, unfollowed
 from teleop_rt.view.delay import Delays
 from teleop_rt.view.html import Tile
-from teleop_rt.view.quantities import small_position
+from teleop_rt.view.quantities import SMALL, small, small_position
 from teleop_rt.view.run_folder import MOVING, Run
 from teleop_rt.view.style import count_in_words, model_name, number, parameter, with_unit
 
@@ -50,7 +50,7 @@ def tiles(run: Run, residual: Mapping[str, Any], delays: Delays | None) -> list[
     """Return the answers of the first screen, in the order in which people ask."""
     graded = grades(run.summary)
     return [
-        _felt(run, worst([graded["felt_force"], graded["phantom"]])),
+        felt(run, worst([graded["felt_force"], graded["phantom"]])),
         _model(run, worst([graded["model"], graded["surface"], residual["grade"]])),
         Tile("Residual", residual["grade"], residual["title"], (residual["text"],)),
         safety(run.summary, graded["safety"]),
@@ -59,45 +59,58 @@ def tiles(run: Run, residual: Mapping[str, Any], delays: Delays | None) -> list[
     ]
 
 
-def _felt(run: Run, grade: Grade) -> Tile:
+def felt(run: Run, grade: Grade) -> Tile:
+    """Return the tile of the force under the hand: its errors, each as a sentence."""
     master = run.summary["master"]
     nrmse, lag, direct = (master[k] for k in ("nrmse", "lag_ms", "direct_reflection_lag_ms"))
     if nrmse is None:
         reason = master.get("reason", "the master's force was not recorded")
         return Tile("Force under the hand", "unknown", "not judged", (reason,))
     lines = [
-        f"lag {_lag(lag)}; reflecting the slave's force: {with_unit(direct, 'ms')}",
-        "against the true environment, in converged contact",
+        _lags(lag, direct),
+        "error and lag compare it with the force of the true environment, in converged contact",
     ]
     met = master.get("worst")
     if met is not None and met["phantom_force"] is not None:
-        phantom = with_unit(met["phantom_force"], run.units.force, 3)
-        at_most = f"at most {phantom} where nothing is, at {met['phantom_s']:.1f} s"
-        lines.append(at_most if met["phantom_force"] > 0.0 else "nothing felt where nothing is")
+        lines.append(_phantom(met, run))
     if (offset := master.get("offset")) is not None:
         lines.append(_offset(offset, run))
-    if (share := softened(master, run.units)) is not None:
-        lines.append(f"of a stiff wall {share}")
-    if (share := calmed(master, run.units)) is not None:
-        lines.append(f"of a damped wall {share}")
-    if (share := unfollowed(master, run.units)) is not None:
-        lines.append(f"of a wall not followed {share}")
+    missed = (of(master, run.units) for of in (softened, calmed, unfollowed))
+    lines += [said for said in missed if said is not None]
     return Tile("Force under the hand", grade, f"{in_percent(nrmse)} error", tuple(lines))
+
+
+def _lags(lag_ms: float | None, direct_ms: float | None) -> str:
+    """Return the lag of the felt force, and that which its direct reflection would have."""
+    said = "the lag of the felt force is not known"
+    if lag_ms is not None:
+        said = f"the felt force lags by {_lag(lag_ms)}"
+    if direct_ms is not None:
+        said += f"; the slave's force, reflected, would lag by {with_unit(direct_ms, 'ms')}"
+    return said
+
+
+def _phantom(met: Mapping[str, float], run: Run) -> str:
+    """Return the largest force that was felt where there is no body, as a sentence."""
+    if not met["phantom_force"] > 0.0:
+        return "the hand felt no force where the true environment gives none"
+    phantom = with_unit(met["phantom_force"], run.units.force, 3)
+    where = "where the true environment gives none"
+    return f"the hand felt up to {phantom} {where}, at {met['phantom_s']:.1f} s"
 
 
 def _offset(offset: Mapping[str, float], run: Run) -> str:
     """Return how far from its true place the wall was felt, as a sentence."""
-    largest, end = (
-        small_position(offset[key], run.units.position) for key in ("largest", "at_end")
-    )
+    unit = small(run.units.position)
+    largest, end = (with_unit(SMALL * offset[key], unit, 3) for key in ("largest", "at_end"))
     at = f"at {offset['largest_s']:.1f} s"
     return f"the wall was felt up to {largest} from its true place, {at}, and {end} at the end"
 
 
-def _lag(lag_ms: float | None) -> str:
+def _lag(lag_ms: float) -> str:
     """Return a lag in words: its own error is about a hundredth of a millisecond."""
-    if lag_ms is not None and abs(lag_ms) < _LEAST_LAG_MS:
-        return f"below {_LEAST_LAG_MS} ms"
+    if abs(lag_ms) < _LEAST_LAG_MS:
+        return f"less than {_LEAST_LAG_MS} ms"
     return with_unit(lag_ms, "ms", 2)
 
 

@@ -67,16 +67,17 @@ def test_the_summary_says_how_much_of_a_stiff_wall_can_be_felt(tmp_path, stiffne
     outcome = run_lockstep(trial, CANOPEN, open_bench, tmp_path, lambda _: None)
     summary = summarise(tmp_path, trial, outcome, environment_force)
     out = io.StringIO()
-    print_summary(Console(file=out, width=200), summary, trial.rig.units)
-    printed = "felt of a stiff wall" in out.getvalue()
+    print_summary(Console(file=out, width=400), summary, trial.rig.units)
+    printed = "stiff wall  " in out.getvalue()
     assert printed is (stiffness > 6710.0)
     if printed:
-        said = "N/m is passive on this device; with its damping the wall has 20000"
+        said = "N/m of the wall's 20000 N/m, its damping included: a stiffer wall would not be"
         assert said in out.getvalue()
+        assert "of the wall's 20000 N/m; a wall without damping could have 67" in out.getvalue()
         met = read_topics(tmp_path / "recording.mcap", ["/master"])["/master"]
         unfelt = summary["master"]["unfelt"]
         assert unfelt["pressed"] > 1.5 * unfelt["felt"]
-        assert f"{unfelt['felt'] / unfelt['pressed']:.0%} at" in out.getvalue()
+        assert f"{unfelt['felt'] / unfelt['pressed']:.0%} of it" in out.getvalue()
         assert summary["master"]["worst"]["force_error"] < np.nanmax(met["reflected_force"])
         assert summary["master"]["nrmse"] > 0.3
 

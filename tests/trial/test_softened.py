@@ -29,10 +29,11 @@ def master(rendered, unfelt=UNFELT, damping=WHOLE):
 
 def test_a_softened_wall_is_said_with_the_force_that_was_not_felt():
     assert softened(master(6517.0), UNITS) == (
-        "14% at 7.6 s: the tool pressed with 71.4 N and the hand felt 10; "
-        "at most 6520 N/m is passive on this device; with its damping the wall has 50100"
+        "at 7.6 s the tool pressed with 71.4 N and the hand felt 10 N, 14% of it; this device can "
+        "render at most 6520 N/m of the wall's 50100 N/m, its damping included: a stiffer wall "
+        "would not be passive on it"
     )
-    assert softened(master(6517.0, None), UNITS).startswith("at most 6520 N/m")
+    assert softened(master(6517.0, None), UNITS).startswith("this device can render at most 6520 ")
 
 
 @pytest.mark.parametrize("rendered", [0.0, 50_087.0])
@@ -115,14 +116,17 @@ def test_a_force_is_missing_for_the_bound_only_where_the_unbounded_wall_had_give
 ):
     said = moment(true=true, tool=tool)
     assert said["unfelt"]["cause"] == cause
-    assert ("33% at 6.0 s" in softened(said, UNITS)) is (cause == "bound")
-    assert ((unfollowed(said, UNITS) or "").startswith("33% at 6.0 s")) is (cause == "model")
+    assert ("33% of it" in softened(said, UNITS)) is (cause == "bound")
+    assert ("hand felt 10 N, 33% of it" in (unfollowed(said, UNITS) or "")) is (cause == "model")
 
 
 def test_damping_that_is_not_passive_is_said_as_stiffness_is():
     """Of 200 N s/m 22 were rendered, and no line said so."""
-    said = "beside its stiffness at most 22 N s/m is passive on this device; the wall has 201"
-    share = "14% at 7.6 s: the tool pressed with 71.4 N and the hand felt 10; "
+    said = (
+        "this device can render at most 22 N s/m of the wall's damping of 201 N s/m: with more, "
+        "beside its stiffness, the wall would not be passive on it"
+    )
+    share = "at 7.6 s the tool pressed with 71.4 N and the hand felt 10 N, 14% of it; "
     assert calmed(master(50_087.0, damping=CALMED), UNITS) == share + said
     assert calmed(master(6517.0, damping=CALMED), UNITS) == said
     assert calmed(master(6517.0), UNITS) is None
