@@ -34,10 +34,13 @@ _GRADED = {
     "model": "model",
     "link": "link",
     "safety": "end",
-    "unsafe": "safety",
+    "missing safeguard": "safety",
 }
 """Which line of the table shows which grade."""
 
+UNSAFE_STEP = (
+    "; unsafe_i_know in the rig's file allows it: on hardware fit it, or keep out of reach"
+)
 SURFACE_ANEW = " since the surface was found elsewhere"
 
 
@@ -289,7 +292,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
         ("link", packets_in_words(link)),
         ("round trip", round_trip),
         ("safety", f"{safety['state']}, {safety['fault']['name']}{escape(reported)}"),
-        *(("unsafe", sentence) for sentence in safety.get("unsafe") or ()),
+        *(("missing safeguard", one + UNSAFE_STEP) for one in safety.get("unsafe") or ()),
     ]
     for key in ("wake_latency_us", "work_us"):
         if (spread := summary[key]) is not None:

@@ -1,11 +1,20 @@
 """The sentences of the summary on a terminal: none promises more than was judged."""
 
+import io
+
 import numpy as np
 import pytest
+from rich.console import Console
 
 from teleop_rt.config.section import Units
 from teleop_rt.trial.summary import adequacy_of
-from teleop_rt.trial.table import estimator_lines, felt_lines, model_in_words, step_in_words
+from teleop_rt.trial.table import (
+    estimator_lines,
+    felt_lines,
+    model_in_words,
+    print_summary,
+    step_in_words,
+)
 
 ROW = {"model": "kelvin-voigt", "regression": "direct", "solver": "rls"}
 ADEQUATE = {"inadequate": False, "raised": False, "first_raised_s": None}
@@ -68,3 +77,22 @@ def test_an_estimator_that_did_not_settle_has_words_and_no_dash():
 def test_the_step_that_the_trial_limits_stands_beside_the_largest(rendering, said):
     master = {"largest_force_step": 0.891, "rendering": rendering}
     assert step_in_words(master, Units(position="m", force="N")) == said
+
+
+def test_a_safeguard_that_the_rig_lacks_is_no_unsafe_run():
+    figures = ("nrmse", "lag_ms", "direct_reflection_lag_ms", "largest_force_step")
+    counts = ("sent", "received", "lost", "overtaken", "refused", "round_trip_ms")
+    fault = {"code": 0, "name": "none", "cause": "no fault", "next_step": "nothing to do"}
+    run = {
+        "trial": "t", "estimators": [], "selected": None, "clock": "simulated", "duration_s": 1.0,
+        "ticks": 9, "missed_ticks": 0, "notes": [], "wake_latency_us": None, "work_us": None,
+        "contact": {"surface_found": None, "surface_true": None, "onsets": 0},
+        "link": dict.fromkeys(counts), "master": dict.fromkeys(figures),
+        "safety": {"state": "DISARMED", "fault": fault, "unsafe": ["no watchdog"]},
+    }  # fmt: skip
+    out = io.StringIO()
+    print_summary(Console(file=out, width=300), run, Units(position="m", force="N"))
+    (line,) = (line for line in out.getvalue().splitlines() if "no watchdog" in line)
+    assert line.startswith("✕  missing safeguard ")
+    assert "unsafe_i_know in the rig's file allows it: on hardware fit it, or keep out" in line
+    assert "✓  safety" in out.getvalue()
