@@ -152,7 +152,7 @@ app = LazyGroup(
         ),
         "recover": LazyCommand(
             f"{_RECORDED}:recover",
-            "Repair a recording that a crash cut off; the original is kept.",
+            "Repair a recording that is cut off or damaged; the original is kept.",
             panel=_RECORDINGS,
         ),
         "schema": LazyCommand(
