@@ -13,6 +13,16 @@ from teleop_rt.config.section import Units
 from teleop_rt.config.shown_unit import shown_unit
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.metrics import in_percent
+from teleop_rt.trial.felt_lines import (
+    felt_lines,
+    handle_lines,
+    leash_lines,
+    offset_lines,
+    shown,
+    step_in_words,
+    unfelt_lines,
+    worst_lines,
+)
 from teleop_rt.trial.grades import (
     GRADE_COLOURS,
     MARKS,
@@ -24,7 +34,6 @@ from teleop_rt.trial.grades import (
     selected_nrmse,
 )
 from teleop_rt.trial.late import on_hardware, privileges_text, stalls
-from teleop_rt.trial.softened import calmed, softened, unfollowed
 
 _GRADED = {
     "ran": "loop",
@@ -74,10 +83,10 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         mark = "*" if all(selected.get(key) == row.get(key) for key in KEYS) else " "
         name = ", ".join(row[key] for key in KEYS[:3])
         name += f", effects {row['effects']}" if row.get("effects") else ""
-        nrmse = "not judged" if row["nrmse"] is None else _number(row["nrmse"], "", 3)
+        nrmse = "not judged" if row["nrmse"] is None else shown(row["nrmse"], "", 3)
         settled = "not settled"
         if row["convergence_s"] is not None:
-            settled = f"settled after {_number(row['convergence_s'], ' s', 3)}"
+            settled = f"settled after {shown(row['convergence_s'], ' s', 3)}"
         status = row["status"] + (SURFACE_ANEW if row["status"] == UNCERTAIN else "")
         yield f"{mark} {name}: {status}, NRMSE {nrmse}, {settled}"
         for parameter, value in row["parameters"].items():
@@ -90,7 +99,7 @@ def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     note = " (not identified)" if parameter.get("identified") is False else ""
     unit = "" if parameter["unit"] == "1" else f" {shown_unit(parameter['unit'])}"
-    return f"{name} = {_number(parameter['value'], '', 5)}{spread}{unit}{note}"
+    return f"{name} = {shown(parameter['value'], '', 5)}{spread}{unit}{note}"
 
 
 def packets_in_words(link: Mapping[str, Any]) -> str:
@@ -102,10 +111,6 @@ def packets_in_words(link: Mapping[str, Any]) -> str:
         f"of the master's packets {link['received']} came, {link['lost']} were lost, "
         f"{link['overtaken']} came after a newer one, {refused} were refused"
     )
-
-
-def _number(value: float | None, unit: str, digits: int) -> str:
-    return "not known" if value is None else f"{value:.{digits}g}{unit}"
 
 
 def model_in_words(summary: Mapping[str, Any]) -> str:
@@ -148,86 +153,6 @@ def _start_up(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "first tick", f"{seconds:.1f} s after the command"
 
 
-def _handle(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
-    """Give the true force on a simulated hand, and the stiffest wall that its device can render."""
-    if (port := master.get("true_port")) is None:
-        return
-    error, lag = _number(port["motor_nrmse"], "", 3), _number(port["motor_lag_ms"], " ms", 3)
-    yield "at the device's true port", f"NRMSE {error}, lag {lag}"
-    passivity = master["rendering"]["passivity"]
-    stiffness = passivity["stiffness"]
-    unit, of_damping = f"{units.force}/{units.position}", f" {units.force} s/{units.position}"
-    most, rendered, true = (
-        f"{float(f'{value:.4g}'):g}"
-        for value in (passivity["stiffness_max"], stiffness["rendered"], stiffness["true"])
-    )
-    needed = _number(passivity["required_damping"], of_damping, 3)
-    said = (
-        f"{rendered} of the wall's {true} {unit}; a wall without damping could have {most} {unit}"
-    )
-    yield "rendered stiffness", f"{said}, and this one needs a device damping of {needed}"
-
-
-def _unfelt(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
-    """Give the lines of a tool that pressed harder than was felt, by their cause."""
-    if (said := softened(master, units)) is not None:
-        yield "stiff wall", said
-    if (said := calmed(master, units)) is not None:
-        yield "damped wall", said
-    if (said := unfollowed(master, units)) is not None:
-        yield "wall not followed", said
-
-
-def worst_lines(summary: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
-    """Give the worst of the whole run, which no mean shows."""
-    felt, met = summary["master"].get("worst"), summary["contact"].get("worst") or {}
-    if felt is not None and felt["force_error"] is not None:
-        phantom = "not judged" if felt["phantom_force"] is None else "none"
-        if (felt["phantom_force"] or 0.0) > 0.0:
-            most = _number(felt["phantom_force"], f" {units.force}", 3)
-            phantom = f"at most {most} (at {felt['phantom_s']:.1f} s)"
-        error = _number(felt["force_error"], f" {units.force}", 3)
-        largest = f"largest error since the first touch {error} (at {felt['force_error_s']:.1f} s)"
-        yield "felt force: in free air", f"{phantom}; {largest}"
-    if met.get("surface_error") is not None:
-        scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
-        error = _number(scale * met["surface_error"], small, 3)
-        yield "surface: worst error", f"{error} (at {met['surface_error_s']:.1f} s)"
-
-
-def step_in_words(master: Mapping[str, Any], units: Units) -> str:
-    """Return the largest step of the felt force, and that of new models, which the trial limits."""
-    unit = f" {units.force}"
-    largest = _number(master["largest_force_step"], unit, 3)
-    adoption = (master.get("rendering") or {}).get("adoption")
-    if adoption is None:
-        return largest
-    return f"{largest}, by a new model at most {_number(adoption['largest_force_step'], unit, 3)}"
-
-
-def offset_lines(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
-    """Give how far from its true place the wall is felt."""
-    if (offset := master.get("offset")) is None:  # earlier summaries have none
-        return
-    scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
-    largest, end = (_number(scale * offset[key], small, 3) for key in ("largest", "at_end"))
-    yield (
-        "felt wall: offset",
-        f"at most {largest} (at {offset['largest_s']:.1f} s), {end} at the end",
-    )
-
-
-def leash_lines(master: Mapping[str, Any], units: Units) -> Iterator[tuple[str, str]]:
-    """Give the line of the leash, where it held the hand back: a force in free air is its own."""
-    handle = (master.get("rendering") or {}).get("handle") or {}
-    if not (force := handle.get("largest_leash_force")):  # earlier summaries have none
-        return
-    scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
-    lead = _number(scale * handle["longest_lead"], small, 3)
-    held = f"up to {_number(force, f' {units.force}', 3)} in free air held the hand back"
-    yield "leash", f"{held}, which led the tool by up to {lead} before the first touch"
-
-
 def _missed(summary: Mapping[str, Any]) -> str:
     """Return how many ticks were missed, with the share that is good where it is exceeded."""
     missed = summary["missed_ticks"]
@@ -236,23 +161,10 @@ def _missed(summary: Mapping[str, Any]) -> str:
     return f"{missed} missed (good: at most {1e3 * MISSED_SHARE:g} of 1000)"
 
 
-def felt_lines(master: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Give error and lag of the felt force, in words where they are not known."""
-    error, lag = _number(master["nrmse"], "", 3), _number(master["lag_ms"], " ms", 3)
-    direct = master["direct_reflection_lag_ms"]
-    yield "felt force: NRMSE", "not judged" if master["nrmse"] is None else error
-    if master["lag_ms"] is None and direct is None:
-        yield "felt force: lag", "not judged"
-    else:
-        lag = "not judged" if master["lag_ms"] is None else lag
-        reflected = "not judged" if direct is None else _number(direct, " ms", 4)
-        yield "felt force: lag", f"{lag}, direct reflection {reflected}"
-
-
 def _contacts(contact: Mapping[str, Any]) -> str:
     """Return the number of contacts; a touch that was too short for one is not passed over."""
     if (brief := contact.get("brief_touch_ms")) is not None:
-        return f"no contact, but a touch of {_number(brief, ' ms', 3)}"
+        return f"no contact, but a touch of {shown(brief, ' ms', 3)}"
     return f"{contact['onsets']} contact" + ("" if contact["onsets"] == 1 else "s")
 
 
@@ -266,7 +178,7 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     contact, link, master = summary["contact"], summary["link"], summary["master"]
     scale, small = (1e3, " mm") if units.position == "m" else (1e3, " mrad")
     surface = " / ".join(
-        _number(None if value is None else value * scale, small, 5)
+        shown(None if value is None else value * scale, small, 5)
         for value in (contact["surface_found"], contact["surface_true"])
     )
     safety = summary["safety"]
@@ -275,15 +187,15 @@ def _lines(summary: Mapping[str, Any], units: Units) -> list[tuple[str, str]]:
     ran = f"{summary['duration_s']:.2f}{planned} s on the {summary['clock']} clock"
     ran += f", {summary['ticks']} ticks"
     early = ", interrupted" if summary.get("interrupted") else ""
-    round_trip = _number(link["round_trip_ms"], " ms", 4)
+    round_trip = shown(link["round_trip_ms"], " ms", 4)
     lines = [
         *_start_up(summary),
         ("ran", f"{ran}, {_missed(summary)}{early}"),
         *_on_time(summary),
         ("surface found / true", f"{surface}, {_contacts(contact)}"),
         *felt_lines(master),
-        *_handle(master, units),
-        *_unfelt(master, units),
+        *handle_lines(master, units),
+        *unfelt_lines(master, units),
         *worst_lines(summary, units),
         *offset_lines(master, units),
         *leash_lines(master, units),

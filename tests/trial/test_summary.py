@@ -8,9 +8,10 @@ from teleop_rt.link.troubles import KEY_TROUBLE, NOTHING_TROUBLE, TROUBLES
 from teleop_rt.trial import summary_notes
 from teleop_rt.trial.estimators import Replayed
 from teleop_rt.trial.felt_force import rows_to_compare
+from teleop_rt.trial.felt_lines import leash_lines
 from teleop_rt.trial.grades import of_link
 from teleop_rt.trial.summary import judged_link
-from teleop_rt.trial.table import leash_lines, packets_in_words
+from teleop_rt.trial.table import packets_in_words
 from teleop_rt_dev.trial.files import silicone
 
 

@@ -7,14 +7,9 @@ import pytest
 from rich.console import Console
 
 from teleop_rt.config.section import Units
+from teleop_rt.trial.felt_lines import felt_lines, step_in_words
 from teleop_rt.trial.summary import adequacy_of
-from teleop_rt.trial.table import (
-    estimator_lines,
-    felt_lines,
-    model_in_words,
-    print_summary,
-    step_in_words,
-)
+from teleop_rt.trial.table import estimator_lines, model_in_words, print_summary
 
 ROW = {"model": "kelvin-voigt", "regression": "direct", "solver": "rls"}
 ADEQUATE = {"inadequate": False, "raised": False, "first_raised_s": None}

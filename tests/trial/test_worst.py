@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.config.section import Units
-from teleop_rt.trial import table
+from teleop_rt.trial import felt_lines
 from teleop_rt.trial.felt_force import Felt
 from teleop_rt.trial.worst import since_touch, wall_offset, worst_felt, worst_surface
 
@@ -45,7 +45,7 @@ def test_a_wall_that_is_not_there_counts_before_contact_has_converged_too():
 def test_a_phantom_of_no_force_has_no_time(phantom, words):
     felt = {"phantom_force": phantom, "phantom_s": 5.2, "force_error": 11.1, "force_error_s": 1.0}
     summary = {"master": {"worst": felt}, "contact": {}}
-    ((_, line),) = table.worst_lines(summary, Units(position="m", force="N"))
+    ((_, line),) = felt_lines.worst_lines(summary, Units(position="m", force="N"))
     assert line.startswith(words)
 
 
@@ -108,7 +108,9 @@ def test_a_wall_felt_beside_its_place_has_the_largest_offset_and_that_of_the_end
     offset = wall_offset(master, 0.0)
     assert offset == pytest.approx({"largest": 9e-3, "largest_s": 3.0, "at_end": 1.6e-3})
     line = ("felt wall: offset", "at most 9 mm (at 3.0 s), 1.6 mm at the end")
-    assert list(table.offset_lines({"offset": offset}, Units(position="m", force="N"))) == [line]
+    assert list(felt_lines.offset_lines({"offset": offset}, Units(position="m", force="N"))) == [
+        line
+    ]
     assert wall_offset(master | {"contact_id": np.zeros(7)}, 0.0) is None
     assert wall_offset({}, 0.0) is None
-    assert list(table.offset_lines({"offset": None}, Units(position="m", force="N"))) == []
+    assert list(felt_lines.offset_lines({"offset": None}, Units(position="m", force="N"))) == []
