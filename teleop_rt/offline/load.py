@@ -19,7 +19,7 @@ from teleop_rt.estimation.pipeline import PipelineSettings
 from teleop_rt.estimation.recorded import Samples, estimated_samples
 from teleop_rt.estimation.rows import FROZEN_LABEL, RowSpec, rows_for
 from teleop_rt.offline.table import Table
-from teleop_rt.realtime.mcap_records import ends_whole
+from teleop_rt.realtime.mcap_end import ends_whole
 from teleop_rt.realtime.reading import read_metadata, read_topics
 from teleop_rt.realtime.recording import ONLINE
 from teleop_rt.recordings.layout import layout_of

@@ -11,6 +11,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from teleop_rt.realtime.mcap_end import RECORD_HEAD
+
 CHUNK = struct.Struct("<QQQII")
 """The head of a chunk: the stamps [ns] of its first message and of its last, the bytes of its
 records and their checksum, and the letters of how they are packed, which follow."""
@@ -18,7 +20,6 @@ INDEX = struct.Struct("<HI")
 """Channel and bytes of an index, before its pairs of time and offset."""
 _PAIR_BYTES = 16
 """A message's time and offset in an index."""
-_RECORD = struct.Struct("<BQ")
 _KINDS = frozenset(int(kind) for kind in Opcode)
 
 
@@ -54,12 +55,12 @@ def counted(content: bytes, indices: Sequence[bytes]) -> tuple[int, int, int]:
 def record_follows(stream: IO[bytes], size: int) -> bool:
     """Return whether a record of a known kind begins here and ends within the file."""
     at = stream.tell()
-    head = stream.read(_RECORD.size)
+    head = stream.read(RECORD_HEAD.size)
     stream.seek(at)
-    if len(head) < _RECORD.size:
+    if len(head) < RECORD_HEAD.size:
         return False
-    opcode, length = _RECORD.unpack(head)
-    return opcode in _KINDS and at + _RECORD.size + length <= size
+    opcode, length = RECORD_HEAD.unpack(head)
+    return opcode in _KINDS and at + RECORD_HEAD.size + length <= size
 
 
 def pairs_of(index: bytes) -> NDArray[np.uint64] | None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import struct
 from io import BytesIO
 from pathlib import Path
 
@@ -12,14 +10,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema, Statistics
 from mcap.summary import Summary
-from mcap.writer import MCAP0_MAGIC
 
-from teleop_rt.realtime.mcap_records import CUT_OFF, RECORD_HEAD
+from teleop_rt.realtime.mcap_end import RECORD_HEAD, summary_place
+from teleop_rt.realtime.mcap_records import CUT_OFF
 from teleop_rt.realtime.parts import parts
-
-_FOOTER = struct.Struct("<BQQ")
-"""The last record up to where the summary begins; two more numbers and the magic follow."""
-_END_BYTES = _FOOTER.size + 8 + 4 + len(MCAP0_MAGIC)
 
 
 def count_messages(path: Path) -> dict[str, int]:
@@ -63,16 +57,9 @@ def _index_of(path: Path) -> Summary | None:
     An hour has 26 000 indices of chunks there, which the library would read, 40 us each.
     """
     with contextlib.suppress(OSError, *CUT_OFF), path.open("rb") as stream:
-        size = stream.seek(0, os.SEEK_END)
-        stream.seek(size - _END_BYTES)
-        end = stream.read()
-        opcode, _, begin = _FOOTER.unpack_from(end)
-        if opcode != Opcode.FOOTER or not end.endswith(MCAP0_MAGIC):
-            raise EOFError
-        if not 0 < begin <= size - _END_BYTES:
-            return None
-        stream.seek(begin)
-        return _summary(stream.read(size - _END_BYTES - begin))
+        if place := summary_place(stream):
+            stream.seek(place[0])
+            return _summary(stream.read(place[1] - place[0]))
     return None
 
 

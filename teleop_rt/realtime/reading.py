@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from teleop_rt.errors import RecordingError
 from teleop_rt.realtime.columns import Rows, TopicColumns
 from teleop_rt.realtime.mcap_chunk import Unreadable
+from teleop_rt.realtime.mcap_end import ends_whole
 from teleop_rt.realtime.mcap_index import count_messages, declared_channels
 from teleop_rt.realtime.mcap_records import (
     CUT_OFF,
@@ -23,7 +24,6 @@ from teleop_rt.realtime.mcap_records import (
     Places,
     Record,
     blocks,
-    ends_whole,
 )
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import LARGEST_SEQUENCE

@@ -19,7 +19,7 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from teleop_rt_dev.bench.measure import Row, row
+from teleop_rt_dev.bench.measure import Row, row, take_all_cores
 from teleop_rt_dev.paths import SILICONE
 
 MINUTES = (1.0, 60.0)  # of the two recordings: memory must not grow with the longer one
@@ -30,7 +30,8 @@ _BLOCK = 1 << 18  # bytes of a chunk of the long recording
 
 def run(_rounds: int) -> list[Row]:
     """Measure a short and a long recording, once each: minutes of work have little scatter."""
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    take_all_cores()
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed program has its bytecode, too
     found = []
     with tempfile.TemporaryDirectory() as name:
         base = Path(name) / "base"
@@ -87,7 +88,12 @@ def stretch(base: Path, folder: Path, minutes: float) -> None:
             for schema, channel, message in reader.iter_messages(log_time_order=False)
         ]
     with (folder / "recording.mcap").open("wb") as stream:
-        writer = Writer(stream, chunk_size=_BLOCK, compression=CompressionType.ZSTD)
+        writer = Writer(
+            stream,
+            chunk_size=_BLOCK,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,  # as our own recorder does
+        )
         writer.start(library="teleop-rt")
         for name, content in metadata.items():
             writer.add_metadata(name, content)
