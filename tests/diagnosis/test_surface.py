@@ -263,7 +263,7 @@ def test_a_complete_model_has_no_missing_effect_with_an_estimated_surface(seed: 
 def test_a_jump_of_inertia_inside_the_body_is_not_its_surface() -> None:
     record = foreign(5058)
     found = surface_of(from_arrays("record", record.t, record.position, record.force))
-    assert abs(found.position) < 0.01 * np.max(record.position)
+    assert -found.within < found.position < 0.01 * np.max(record.position)
 
 
 @pytest.mark.parametrize("seed", [5061, 5119])
@@ -398,6 +398,19 @@ def test_a_surface_beyond_its_bound_is_sought_where_nothing_is_named_yet(names: 
     recording = from_arrays("dented", t, position, force + 0.015 * noise)
     laws = tuple(law for law in LIBRARY if law.name in names)
     assert diagnose(recording, effects=laws).answer["class"] == [["permanent_set"]]
+
+
+@pytest.mark.parametrize("zero", [1e-3, -2e-3])
+def test_the_zero_of_an_encoder_inside_the_travel_is_no_surface(zero: float) -> None:
+    """A tissue that the tool never leaves, met 1 mm before the nearest position (Fung's law)."""
+    dt = 0.002
+    t = dt * np.arange(6000)
+    sway = 2.4 * np.sin(2.1 * t) + 1.1 * np.sin(5.3 * t + 1.0) + 0.4 * np.sin(14.0 * t + 2.0)
+    depth = 1e-3 * (1.0 + sway - np.min(sway))
+    force = 310.0 / 300.0 * np.expm1(300.0 * depth) + 8.0 * np.gradient(depth, dt)
+    noise = 0.03 * np.random.default_rng(14).standard_normal(t.size)
+    answer = diagnose(from_arrays("tissue", t, depth - 1e-3 - zero, force + noise)).answer
+    assert answer["class"] == [["nonlinear_stiffening"]]
 
 
 def test_a_stated_surface_that_is_off_is_an_offset_beside_a_relaxation() -> None:

@@ -18,7 +18,6 @@ from teleop_rt.recordings.column_names import turned
 from teleop_rt.recordings.recording import Recording
 from teleop_rt.recordings.rows import bulk, force_noise, without_lone
 
-_ZERO_SURFACE_SHARE = 0.25  # of the depth; a surface guessed nearer to 0 may be 0
 _CONTRADICTED_SHARE = 0.25  # of the depth; a nearer surface is the effect `contact_offset`
 _BEGIN_SHARE = 0.01  # of travel and force, below which both are at their beginning
 _GUESS_ERROR = 1.5  # of the estimated depth: uncertainty of a surface that was never left
@@ -39,8 +38,8 @@ def surface_of(recording: Recording) -> Surface:
 
     A stored surface was estimated with a model that may lack an effect, so a clear onset takes
     precedence. The estimate is the first onset, because a body with memory is met elsewhere later.
-    If an approach shows an onset near 0, but no clear one, it is 0; the effect `contact_offset`
-    covers its error. Raises RecordingError without contact.
+    Where no approach shows it clearly it is uncertain, but never the encoder's zero. Raises
+    RecordingError without contact.
     """
     position, force = recording.position, without_lone(recording.force)
     if recording.surface is not None:
@@ -62,10 +61,6 @@ def surface_of(recording: Recording) -> Surface:
         _refuse_both_turned(recording, force, noise)
     if found is None:
         return _pressed_throughout(position, force, dt=recording.dt)
-    deepest = float(np.max(position))
-    near = deepest > 0.0 and abs(found.position) <= _ZERO_SURFACE_SHARE * (deepest - found.position)
-    if near and not found.clear:
-        return Surface(0.0, fixed=True)
     return found
 
 
@@ -169,8 +164,7 @@ def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
     It is where the line through force over position ends. The true one is at 1 - 1/n of that depth
     if the body stiffens with power n. That 0 is possible is no sign that it is the surface: most
     axes count from an arbitrary place, and an offset would be named for it. It is the surface where
-    the travel and the force both begin at 0, as of a strip that is stretched from rest, or where
-    the tool was on both sides of it.
+    the travel and the force both begin at 0, as of a strip that is stretched from rest.
     """
     nearest, deepest = float(np.min(position)), float(np.max(position))
     begin = position <= nearest + _BEGIN_SHARE * (deepest - nearest)
@@ -183,9 +177,6 @@ def _pressed_throughout(position: Vector, force: Vector, dt: float) -> Surface:
         return Surface(0.0, fixed=True)
     depth = float(level / slope)
     end = deepest - depth
-    most = _ZERO_SURFACE_SHARE * deepest
-    if -_ZERO_SURFACE_SHARE * (deepest - nearest) < nearest < 0.0 and -deepest < end < most:
-        return Surface(0.0, fixed=True)
     return Surface(min(end, nearest), fixed=False, within=_GUESS_ERROR * depth)
 
 
