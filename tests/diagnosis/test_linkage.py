@@ -56,6 +56,32 @@ def test_a_spring_that_holds_the_drive_is_named_a_spring_and_no_weight() -> None
     assert abs(stiffness["value"] - SPRING_N_PER_M) < 4.0 * stiffness["std"] < 1.0
 
 
+def hung(seed: int, *, arm_m: float, torque_N: float, friction_N: float) -> Recording:
+    """Return a light slide on a spring of 75 N/m, with a weight on a linkage, and dry friction."""
+    x, v, _ = (0.5 * row for row in strokes(seed))
+    force = 75.0 * x + 4.5 * v + 0.6 + torque_N * np.cos(x / arm_m + 0.7)
+    force += friction_N * np.tanh(v / 2e-3)
+    force += 0.01 * np.random.default_rng(seed + 1).normal(size=x.size)
+    return from_arrays("hung", DT_S * np.arange(x.size), x + 0.05, force)
+
+
+@pytest.mark.parametrize(
+    ("arm_m", "friction_N"),
+    cases((0.0066, 0.0), (0.0066, 0.2), (0.01, 0.2)),
+)
+def test_a_weight_is_named_beside_a_spring_that_holds_the_slide(
+    arm_m: float, friction_N: float
+) -> None:
+    """Over most of a turn it looks like a contact with free air before it."""
+    recording = hung(8, arm_m=arm_m, torque_N=0.9, friction_N=friction_N)
+    answer = diagnose(recording, "spring,viscous,bias").answer
+    names = ["coulomb_friction", "gravity_torque"] if friction_N else ["gravity_torque"]
+    assert [sorted(found) for found in answer["class"]] == [names]
+    values = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
+    assert values["arm"] == pytest.approx(arm_m, rel=0.03)
+    assert values["torque"] == pytest.approx(0.9, rel=0.05)
+
+
 def test_a_drive_without_a_weight_has_no_missing_effect() -> None:
     assert diagnose(drive(5, "nothing"), "mass-damper").answer["verdict"] == "no_missing_effect"
 

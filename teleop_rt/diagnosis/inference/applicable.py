@@ -91,8 +91,8 @@ def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -
     """Return whether a weight or a spring that pulls the axis itself is possible.
 
     Gravity of a lever needs a rotary rig. Beside a body that is touched, `in_air` shows both.
-    Without contact they need a drive that has a bias, for which they would stand in, and no
-    spring: between them the data choose.
+    Without contact they need a drive that has a bias, for which they would stand in; a spring of
+    its own is the base's.
     """
     if effect.name == "gravity_torque" and rotary == (effect.law == THROUGH_A_LINKAGE):
         return False
@@ -100,4 +100,5 @@ def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -
         return True
     if base.touches:
         return in_air and effect.law.startswith(_IN_AIR)
-    return not effect.law.startswith(BESIDE_A_BODY) and base.has_bias and not base.has_spring
+    own = base.has_spring and effect.name == RETURN_SPRING
+    return not effect.law.startswith(BESIDE_A_BODY) and base.has_bias and not own
