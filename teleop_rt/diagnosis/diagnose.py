@@ -14,7 +14,13 @@ from teleop_rt.diagnosis.answers.detectable import detectable
 from teleop_rt.diagnosis.answers.errors import HeldOut, bounded_floor
 from teleop_rt.diagnosis.answers.experiment import Reach, design
 from teleop_rt.diagnosis.answers.instruments import by_reference
-from teleop_rt.diagnosis.answers.notes import notes_of, of_dropout, of_lost_contact, of_time
+from teleop_rt.diagnosis.answers.notes import (
+    notes_of,
+    of_dropout,
+    of_lost_contact,
+    of_part,
+    of_time,
+)
 from teleop_rt.diagnosis.answers.other_base import other_base
 from teleop_rt.diagnosis.answers.residuals import nearest, of_nearest, predict_recording
 from teleop_rt.diagnosis.answers.resonance import of_resonance
@@ -56,6 +62,7 @@ def diagnose(
     RecordingError and ValueError with one clear message each.
     """
     begun = time.perf_counter()
+    whole_s = recording.seconds
     recording, start = most_active(recording)
     enter("finding surface and motion")
     model = base_of(base)
@@ -85,6 +92,7 @@ def diagnose(
     answer["detectable"] = _detectable(weighed, recording, answer, effects)
     _add_notes(answer, made, recording, (base, surface), start)
     answer["part"] = {"from_s": round(start, 3), "length_s": round(recording.seconds, 3)}
+    answer["notes"] += of_part(**answer["part"], whole_s=whole_s)
     answer["seconds"] = round(time.perf_counter() - begun, 3)
     return replace(found, answer=answer)
 

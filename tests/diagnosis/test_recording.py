@@ -364,6 +364,20 @@ def test_the_surface_is_found_wherever_the_axis_counts_from(
         assert abs(found.position - place) < found.within
 
 
+def test_the_answer_to_a_long_recording_says_which_part_was_judged() -> None:
+    """The presses of its first 8 s are slight."""
+    t = 1e-3 * np.arange(10 * N)
+    x = np.where(t > 8.0, 8e-3, 5e-3) * np.sin(2.0 * np.pi * 0.875 * t)
+    pressing = np.where(x > 0.0, 2000.0 * x + 8.0 * np.gradient(x, t), 0.0)
+    force = pressing + 0.02 * np.random.default_rng(3).standard_normal(t.size)
+    recording = from_arrays("long", t, x, force)
+    notes = diagnose(recording, surface=0.0).answer["notes"]
+    (said,) = [note for note in notes if "were judged" in note]
+    assert said.startswith("only the busiest 30.0 s of 40.0 s were judged, from 7.5 s on:")
+    short = diagnose(from_arrays("short", t[:N], x[-N:], force[-N:]), surface=0.0)
+    assert not [note for note in short.answer["notes"] if "were judged" in note]
+
+
 def test_of_a_long_recording_the_part_with_the_most_movement_is_used() -> None:
     size = 400_000
     t = np.arange(size) * 1e-3

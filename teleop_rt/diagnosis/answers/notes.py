@@ -33,6 +33,7 @@ _FOREIGN = 0.5
 _ROUNDED = 1e-3  # of a probability, as the answer states it
 _LEAST_OF_TIME = 0.1
 """Of the base's mean square; a law of wrong form may cause a smaller dependence on time."""
+_NEARLY_WHOLE = 0.98  # of a recording; a smaller part is not all of it but for its rounding
 _LOST_CONTACT_S = 0.03  # s; a touch, and the settling of a filter after it, are shorter
 _LOST_CONTACT_RATIO = 10.0  # of the residual there to its deviation elsewhere
 _LETS_GO = {"relaxation", "hysteresis"}
@@ -54,6 +55,18 @@ _RESTS_ON = {
         " air to include it"
     ),
 }
+
+
+def of_part(from_s: float, length_s: float, whole_s: float) -> list[str]:
+    """Return the note that only a part of a long recording was judged."""
+    if length_s > _NEARLY_WHOLE * whole_s:
+        return []
+    note = (
+        f"only the busiest {length_s:.1f} s of {whole_s:.1f} s were judged, from {from_s:.1f} s on:"
+        " sizes, deviations and errors are of that part, and an effect that acts only elsewhere is"
+        " not seen; cut other parts out of the file and diagnose them, too"
+    )
+    return [note]
 
 
 def _of_surface(base: Base, recording: Recording, surface: float | None) -> list[str]:
