@@ -146,7 +146,7 @@ EFFECTS = (
         stage="sensor",
         amplitude=Amplitude("disturbance", "{f}", nonnegative=True),
         shapes=(
-            Shape("frequency", "Hz", 1.0, 500.0, 50.0, points=0),
+            Shape("frequency", "Hz", 0.03, 500.0, 50.0, points=0),
             Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True),
         ),
         step=_tone,

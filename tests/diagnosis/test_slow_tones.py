@@ -1,0 +1,28 @@
+"""A slow tone on the force, in free air as in contact: a sensor that warms and cools."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cases import cases
+
+from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.recordings.recording import from_arrays
+
+
+@pytest.mark.parametrize(("tone_Hz", "seconds"), cases((0.1, 24.0), (0.05, 40.0), (0.5, 16.0)))
+def test_a_slow_tone_on_the_force_is_no_swing_of_the_surface(
+    tone_Hz: float, seconds: float
+) -> None:
+    """The swing of a surface that fits it acts in contact only."""
+    dt_s, rng = 4e-3, np.random.default_rng(70)
+    t = dt_s * np.arange(round(seconds / dt_s))
+    x = 1.5e-3 * np.sin(4.3 * t) + 1.1e-3 * np.sin(9.1 * t + 1.0) + 6e-4 * np.sin(17.0 * t + 2.0)
+    v = np.gradient(x, dt_s)
+    force = np.where(x > 0.0, np.maximum(2000.0 * x + 8.0 * v, 0.0), 0.0)
+    force += 0.4 * np.sin(2.0 * np.pi * tone_Hz * t + 0.3) + 0.03 * rng.standard_normal(t.size)
+    answer = diagnose(from_arrays("tide", t, x + 0.02, force)).answer
+    assert answer["class"] == [["periodic_disturbance"]]
+    found = answer["effects"][0]["parameters"]
+    assert found["disturbance"]["value"] == pytest.approx(0.4, rel=0.05)
+    assert found["frequency"]["value"] == pytest.approx(tone_Hz, rel=0.05)
