@@ -117,3 +117,9 @@ def turned(columns: tuple[str, str], *roles: str) -> str:
         sign, name = ("", names[role][1:]) if names[role].startswith("-") else ("-", names[role])
         words.append(shlex.quote(f"{role}={sign}{name}"))
     return f"--columns {' '.join(words)}"
+
+
+def exchanged(columns: tuple[str, str]) -> str:
+    """Return the option to paste that takes the column of each role for the other."""
+    position, force = (shlex.quote(name) for name in columns)
+    return f"--columns position={force} force={position}"

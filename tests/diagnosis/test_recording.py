@@ -221,7 +221,7 @@ def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(
             lambda d: d | {"position_m": -d["position_m"], "force_N": -d["force_N"]},
             "wrong sign.*in free air",
         ),
-        (lambda d: d | {"position_m": 1e3 * d["position_m"]}, "wrong unit.*position=mm"),
+        (lambda d: d | {"position_m": 1e3 * d["position_m"]}, "wrong unit.*position=mm$"),
         (
             lambda d: d | {"force_N": 1500 * d["force_N"]},
             "wrong unit.*3e\\+06.*right.*--units force=N",
@@ -236,6 +236,15 @@ def test_data_without_contact_or_in_wrong_units_are_refused_with_the_reason(
     recording = from_arrays("bad", data["t_s"], data["position_m"], data["force_N"])
     with pytest.raises(RecordingError, match=message):
         diagnose(recording, "kelvin-voigt", surface=0.0)
+
+
+def test_columns_under_each_others_header_are_asked_for(
+    tmp_path: Path, pressed: dict[str, np.ndarray]
+) -> None:
+    table = pressed | {"position_m": pressed["force_N"], "force_N": pressed["position_m"]}
+    reason = "0.016 N only: if .* exchanged, .* --columns position=force_N force=position_m$"
+    with pytest.raises(RecordingError, match=reason):
+        diagnose(load(write_csv(tmp_path / "exchanged.csv", table)))
 
 
 @pytest.mark.parametrize("kind", ["csv", "mat", "npz"])

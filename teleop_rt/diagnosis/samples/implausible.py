@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.column_names import exchanged
 from teleop_rt.recordings.recording import Recording
 
 _STIFFEST_N_PER_M = 1e6  # N/m; no rig of this kind presses on anything stiffer
@@ -35,6 +36,17 @@ def doubtful_unit(unit: str, travel: float, stiffness: float) -> str | None:
     )
 
 
+def _if_exchanged(recording: Recording, travel: float) -> str:
+    """Return the advice for columns of each other's role, where the force is the smaller number."""
+    varies = float(np.ptp(recording.force))
+    if varies >= travel:
+        return ""
+    return (
+        f"; the force varies by {varies:.3g} {recording.units[1]} only: if the two columns are"
+        f" exchanged, name them with {exchanged(recording.columns)}"
+    )
+
+
 def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
     """Raise RecordingError if travel or stiffness of a linear rig suggests a wrong unit."""
     if recording.units[0] != "m":
@@ -43,7 +55,7 @@ def refuse_wrong_units(recording: Recording, stiffness: float | None) -> None:
     if travel > _LONGEST_M:
         raise RecordingError(
             f"{recording.name}: wrong unit? the position moves by {travel:.3g} m; if it is in mm,"
-            " say so with --units position=mm"
+            f" say so with --units position=mm{_if_exchanged(recording, travel)}"
         )
     stiffest, remedy = _STIFFEST_N_PER_M, _STATE_UNITS
     if recording.units_stated:
