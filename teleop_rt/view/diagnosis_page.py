@@ -198,13 +198,19 @@ def _gain(value: float) -> str:
     return text.replace("-", "−")
 
 
+def _named(effect: str, law: str) -> str:
+    """Return an effect with its law: two candidates may differ in that alone."""
+    name = effect.replace("_", " ")
+    return f"{name} ({law})" if law else name
+
+
 def _candidates(answer: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the rows of the table of candidates; those of the answer are marked."""
     sets = answer["class"] or [[entry["name"] for entry in answer["effects"]]]
     chosen = {frozenset(one) - {_BESIDE} for one in sets}
     return [
         {
-            "names": " + ".join(name.replace("_", " ") for name in one["effects"]),
+            "names": " + ".join(map(_named, one["effects"], one["laws"])),
             "belongs_to": ", ".join(one["belongs_to"]),
             "bic": _gain(one["delta_bic"]),
             "explains": round(100.0 * one["explains"], 1),

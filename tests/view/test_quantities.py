@@ -126,6 +126,24 @@ def test_of_rows_that_differ_in_their_effects_alone_the_selected_one_is_found():
     (-2.0, "−2"), (0.0, "0"), (-6435170.3, "−6.44 × 10⁶"),
 ])  # fmt: skip
 def test_a_gain_is_given_to_three_digits(gain, shown):
-    row = {"effects": ["a"], "belongs_to": ["rig"], "delta_bic": gain, "explains": 0.5}
+    row = {
+        "effects": ["a"],
+        "laws": [""],
+        "belongs_to": ["rig"],
+        "delta_bic": gain,
+        "explains": 0.5,
+    }
     (found,) = diagnosis_page._candidates({"class": [], "effects": [], "candidates": [row]})
     assert found["bic"] == shown
+
+
+def test_candidates_of_the_same_effects_differ_by_their_laws():
+    row = {"effects": ["permanent_set", "force_bias"], "belongs_to": ["rig"], "explains": 0.5}
+    rows = [
+        row | {"laws": [law, ""], "delta_bic": 1.0} for law in ("creeping in", "beyond a yield")
+    ]
+    found = diagnosis_page._candidates({"class": [], "effects": [], "candidates": rows})
+    assert [one["names"] for one in found] == [
+        "permanent set (creeping in) + force bias",
+        "permanent set (beyond a yield) + force bias",
+    ]

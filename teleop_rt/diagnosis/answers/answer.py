@@ -194,6 +194,7 @@ def candidates_of(candidates: Sequence[Ranked], judgement: Judgement) -> list[di
     return [
         {
             "effects": list(ranked.fit.names),
+            "laws": [effect.law for effect in ranked.fit.model.effects],
             "belongs_to": list(dict.fromkeys(e.belongs_to for e in ranked.fit.model.effects)),
             "delta_bic": round(ranked.delta_bic, 1),
             "explains": round(share_explained(ranked, judgement), 4),

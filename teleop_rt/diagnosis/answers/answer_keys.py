@@ -87,6 +87,8 @@ class Candidate(Keys):
 
     effects: list[str]
     """Names of its effects."""
+    laws: list[str]
+    """The law of each, as in the list of `teleop-rt effects`; the plain law is empty."""
     belongs_to: list[BelongsTo]
     """Whether its effects are the environment's or the rig's."""
     delta_bic: float
