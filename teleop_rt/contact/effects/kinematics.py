@@ -32,7 +32,10 @@ CHANNEL_DELAY = Effect(
     amplitude=Amplitude("lag", "s", lower=-0.15, upper=0.15, points=8),
     step=_one,
     sentence="The force is recorded {lag} behind the position.",
-    turned="The force is recorded {-lag} ahead of the position.",
+    turned=(
+        "The force is recorded {-lag} ahead of the position, which is late or filtered; a filter of"
+        " the position also moves the damping."
+    ),
     compensation="shift_time",
     only_in_contact=False,
     acts="shifts_time",
