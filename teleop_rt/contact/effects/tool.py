@@ -85,10 +85,26 @@ def _acceleration(
 BESIDE_A_BODY = "about its rest"  # law of the same where a body is touched
 RETURN_SPRING = "return_spring"  # effect of a drive alone
 THROUGH_A_LINKAGE = "through a linkage"  # law of a lever's weight on a linear axis
+# Over less than half a turn its force may be that of a spring that stiffens.
+LINKAGE_BESIDE_A_SPRING = f"{THROUGH_A_LINKAGE}, beside a spring"
 # A linkage turns by at least half a radian, or its weight is a bias, and by less than one turn.
 _ARM = Shape("arm", "{x}", 0.16, 2.0, 0.5, reciprocal=True, relative_to="travel", points=8)
 _LEVER_ANGLE = Shape("lever_angle", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
 
+_LINKAGE = Effect(
+    name="gravity_torque",
+    law=THROUGH_A_LINKAGE,
+    family="bias",
+    belongs_to="rig",
+    stage="tool",
+    amplitude=Amplitude("torque", "{f}", nonnegative=True),
+    shapes=(_ARM, _LEVER_ANGLE),
+    step=_linkage,
+    sentence="Gravity turns a linkage of arm {arm}, felt as up to {torque} along the axis.",
+    compensation="subtract_force",
+    only_in_contact=False,
+    like=("force_bias", "second_layer"),  # constant in air, a bend in contact
+)
 _ABOUT_ITS_REST = Effect(
     name=RETURN_SPRING,
     law=BESIDE_A_BODY,
@@ -198,19 +214,12 @@ EFFECTS = (
         compensation="subtract_force",
         only_in_contact=False,
     ),
-    Effect(
-        name="gravity_torque",
-        law=THROUGH_A_LINKAGE,
-        family="bias",
-        belongs_to="rig",
-        stage="tool",
-        amplitude=Amplitude("torque", "{f}", nonnegative=True),
-        shapes=(_ARM, _LEVER_ANGLE),
-        step=_linkage,
-        sentence="Gravity turns a linkage of arm {arm}, felt as up to {torque} along the axis.",
-        compensation="subtract_force",
-        only_in_contact=False,
-        like=("force_bias", "second_layer"),  # constant in air, a bend in contact
+    _LINKAGE,
+    replace(
+        _LINKAGE,
+        law=LINKAGE_BESIDE_A_SPRING,
+        shapes=(replace(_ARM, upper=1.0 / pi), _LEVER_ANGLE),
+        like=(),
     ),
     Effect(
         name=RETURN_SPRING,

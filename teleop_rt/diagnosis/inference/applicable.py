@@ -5,9 +5,14 @@ from __future__ import annotations
 from teleop_rt.contact.effect import OF_THE_SPRING, Effect
 from teleop_rt.contact.effects.friction import UNDER_LOAD
 from teleop_rt.contact.effects.joints import BEYOND_THE_MASS
-from teleop_rt.contact.effects.sensor import AT_TWO_ENDS
+from teleop_rt.contact.effects.sensor import AT_TWO_ENDS, SEEN_IN_AIR
 from teleop_rt.contact.effects.swinging import ON_ITS_SPRING
-from teleop_rt.contact.effects.tool import BESIDE_A_BODY, RETURN_SPRING, THROUGH_A_LINKAGE
+from teleop_rt.contact.effects.tool import (
+    BESIDE_A_BODY,
+    LINKAGE_BESIDE_A_SPRING,
+    RETURN_SPRING,
+    THROUGH_A_LINKAGE,
+)
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
 from teleop_rt.diagnosis.samples.range_end import reads_an_end
@@ -34,13 +39,13 @@ def applicable(
     laws = {(effect.name, effect.law) for effect in effects}
 
     def possible(effect: Effect) -> bool:
-        if effect.name == OUTLIERS or _is_in_base(effect, base, pressed):
+        if effect.name == OUTLIERS or (effect.law == AT_TWO_ENDS and not at_end):
             return False
+        if (effect.name, SEEN_IN_AIR) in laws:
+            return (effect.law == SEEN_IN_AIR) == (base.touches and not pressed)
         if effect.name in {"gravity_torque", RETURN_SPRING}:
             return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
-        if _is_of_another_spring(effect, base, laws):
-            return False
-        if effect.law == AT_TWO_ENDS and not at_end:
+        if _is_in_base(effect, base, pressed) or _is_of_another_spring(effect, base, laws):
             return False
         if effect.without_contact:
             held = base.has_spring or not _is_of_a_spring(effect)
@@ -91,14 +96,16 @@ def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -
     """Return whether a weight or a spring that pulls the axis itself is possible.
 
     Gravity of a lever needs a rotary rig. Beside a body that is touched, `in_air` shows both.
-    Without contact they need a drive that has a bias, for which they would stand in; a spring of
-    its own is the base's.
+    Without contact they need a drive that has a bias, for which they would stand in, and no
+    spring, but for a weight on a linkage that turns far: between them the data choose.
     """
-    if effect.name == "gravity_torque" and rotary == (effect.law == THROUGH_A_LINKAGE):
+    if effect.name == "gravity_torque" and rotary == effect.law.startswith(THROUGH_A_LINKAGE):
         return False
     if effect.name == "gravity_torque" and rotary:
         return True
+    beside_a_spring = effect.law == LINKAGE_BESIDE_A_SPRING
     if base.touches:
-        return in_air and effect.law.startswith(_IN_AIR)
-    own = base.has_spring and effect.name == RETURN_SPRING
-    return not effect.law.startswith(BESIDE_A_BODY) and base.has_bias and not own
+        return in_air and effect.law.startswith(_IN_AIR) and not beside_a_spring
+    if not base.has_bias or effect.law.startswith(BESIDE_A_BODY):
+        return False
+    return beside_a_spring == base.has_spring

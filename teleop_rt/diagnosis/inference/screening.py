@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_rt.contact.effect import Effect, Matrix
+from teleop_rt.contact.effect import Effect, Matrix, Vector
 from teleop_rt.diagnosis.inference.coarse import Coarse
 from teleop_rt.diagnosis.inference.composed import screen_composed
 from teleop_rt.diagnosis.inference.starts import (
@@ -40,7 +40,7 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
     own = tangent_space(problem, fit)
     # With an effect a parameter that its sign or bound holds may leave it.
     whole = orthonormal(np.concatenate([fit.columns, slopes])) if len(fit.columns) else own
-    here = fit.force_on(problem.motion)
+    here: Vector | None = None
     starts: list[Start] = []
     for effect in effects:
         if effect.acts == "adds_force":
@@ -49,6 +49,7 @@ def screen(problem: Problem, fit: Fit, effects: tuple[Effect, ...]) -> list[Star
             starts += [screen_swing(problem, fit, own, e)
                        for e in localised(problem, fit, effect)]  # fmt: skip
         else:
+            here = fit.force_on(problem.motion) if here is None else here
             starts += screen_composed(problem, fit, here, whole, slopes, effect)
     if fit.model.base.finds_surface:
         starts = _at_surfaces(problem, fit, slopes, starts)
