@@ -5,7 +5,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 from mcap.opcode import Opcode
-from mcap.writer import MCAP0_MAGIC
+from mcap_bytes import contents_of
 
 from teleop_rt.config.section import Units
 from teleop_rt.realtime.recording import RecordingWriter
@@ -45,17 +45,6 @@ def test_recover_and_export_take_the_folder_of_a_run(call, tmp_path):
     assert "none/one.csv: cannot be written: No such file or directory" in err
 
 
-def chunks_of(data: bytes) -> list[tuple[int, int]]:
-    """Return where the content of each chunk of an MCAP file begins and ends."""
-    found, at = [], len(MCAP0_MAGIC)
-    while at < len(data) - len(MCAP0_MAGIC):
-        end = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
-        if data[at] == int(Opcode.CHUNK):
-            found.append((at + 9, end))
-        at = end
-    return found
-
-
 def test_recover_says_what_a_damaged_chunk_cost_and_loses_nothing_behind_it(call, tmp_path):
     path = tmp_path / "run.mcap"
     with closing(RecordingWriter(path, Units(position="m", force="N"))) as writer:
@@ -64,7 +53,7 @@ def test_recover_says_what_a_damaged_chunk_cost_and_loses_nothing_behind_it(call
             writer.write_rows("/one", (start + np.arange(1000.0)[:, None]) * 1e6)
             writer.flush()
     data = path.read_bytes()
-    (begin, end) = chunks_of(data)[1]
+    (begin, end) = contents_of(data, Opcode.CHUNK)[1]
     middle = (begin + end) // 2
     path.write_bytes(data[:middle] + bytes(100) + data[middle + 100 :])
     code, out, err = call("recover", "run.mcap")

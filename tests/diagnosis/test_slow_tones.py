@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from cases import cases
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.applicable import applicable
+from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.recordings.recording import from_arrays
 
 
@@ -26,3 +29,23 @@ def test_a_slow_tone_on_the_force_is_no_swing_of_the_surface(
     found = answer["effects"][0]["parameters"]
     assert found["disturbance"]["value"] == pytest.approx(0.4, rel=0.05)
     assert found["frequency"]["value"] == pytest.approx(tone_Hz, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("base", "pressed", "slowest_Hz"),
+    [
+        ("kelvin-voigt", False, 0.03),
+        ("kelvin-voigt", True, 1.0),
+        ("spring,viscous,bias", False, 1.0),
+        ("mass", False, 1.0),
+    ],
+)
+def test_only_free_air_shows_a_tone_as_slow_as_the_motion(
+    base: str, pressed: bool, slowest_Hz: float
+) -> None:
+    """Without it the tone took the place of the friction of a rack that swings slowly."""
+    t = 4e-3 * np.arange(500)
+    swing = from_arrays("swing", t, 0.01 * np.sin(2.0 * t), np.sign(np.cos(2.0 * t)))
+    possible = applicable(LIBRARY, swing, base_of(base), pressed=pressed)
+    (tone,) = (effect for effect in possible if effect.name == "periodic_disturbance")
+    assert tone.shapes[0].lower == slowest_Hz

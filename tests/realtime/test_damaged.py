@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC, Writer
+from mcap_bytes import contents_of
 
 from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
@@ -23,7 +24,6 @@ from teleop_rt.recordings.layout import layout_of
 from teleop_rt.recordings.recording import load
 from teleop_rt.signals import SLAVE, SLAVE_TOPIC
 
-MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
 TOPICS = ("/a", "/b")
 
 
@@ -47,23 +47,12 @@ def test_a_recording_damaged_in_the_middle_says_so(tmp_path, capsys):
     assert "damaged" in capsys.readouterr().err
 
 
-def chunks_of(data: bytes) -> list[tuple[int, int]]:
-    """Return where the content of each chunk begins and ends."""
-    found, at = [], len(MCAP0_MAGIC)
-    while at < len(data) - len(MCAP0_MAGIC):
-        end = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
-        if data[at] == int(Opcode.CHUNK):
-            found.append((at + 9, end))
-        at = end
-    return found
-
-
 @pytest.mark.parametrize("which", [0, 3, -1])
 def test_a_damaged_chunk_costs_its_own_rows_only_and_is_counted(tmp_path, capsys, which):
     path = tmp_path / "run.mcap"
     data = bytearray(recorded(path))
     whole = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
-    begin, end = chunks_of(data)[which]
+    begin, end = contents_of(data, Opcode.CHUNK)[which]
     middle = (begin + end) // 2
     data[middle : middle + 2000] = bytes(2000)
     path.write_bytes(data)
@@ -85,7 +74,7 @@ def test_a_damaged_chunk_costs_its_own_rows_only_and_is_counted(tmp_path, capsys
 def test_a_chunk_damaged_beside_a_record_that_is_none_ends_the_reading_as_before(tmp_path, capsys):
     path = tmp_path / "run.mcap"
     data = bytearray(recorded(path))
-    begin, end = chunks_of(data)[3]
+    begin, end = contents_of(data, Opcode.CHUNK)[3]
     data[(begin + end) // 2 : end + 9] = bytes(end + 9 - (begin + end) // 2)
     path.write_bytes(data)
     stamps = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
@@ -134,12 +123,7 @@ def unchecked(path: Path) -> tuple[bytes, list[tuple[int, int]]]:
             writer.add_message(channels[number % 3 == 0], number, text, number, number)
         writer.finish()
     data = path.read_bytes()
-    indices, at = [], len(MCAP0_MAGIC)
-    while at < len(data) - len(MCAP0_MAGIC):
-        length = int.from_bytes(data[at + 1 : at + 9], "little")
-        if data[at] == MESSAGE_INDEX:
-            indices.append((at + 9, length))
-        at += 9 + length
+    indices = [(begin, end - begin) for begin, end in contents_of(data, Opcode.MESSAGE_INDEX)]
     return data, indices
 
 

@@ -32,7 +32,8 @@ def applicable(
 ) -> tuple[Effect, ...]:
     """Return the effects that are possible on this rig and with this base.
 
-    Outliers are tested separately. A body that is `pressed` all along shows no free air.
+    Outliers are tested separately. A body that is `pressed` all along shows no free air, without
+    which a tone as slow as the motion is not distinguished from friction.
     """
     rotary = recording.units[0] == "rad"
     at_end = reads_an_end(recording)

@@ -25,7 +25,7 @@ from teleop_rt.diagnosis.models.model import CandidateModel
 
 FIRSTS = 5  # single effects beside which a second is searched
 FIRST_SHARE = 0.2  # of the best gain; a set that explains less is not extended
-EXTENDED = 17  # sets with the largest screened gain that are fitted; 12 lost a play beside friction
+EXTENDED = 17  # sets of the largest screened gain that are fitted; 16 lost a play beside friction
 # In a set. A fifth lowers no error of a measured recording by as much as `LEAST_GAIN`.
 MOST_EFFECTS = 4
 MOST_RANKED = 6  # best sets that are fitted at the full rate and ranked
