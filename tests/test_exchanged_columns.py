@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from teleop_rt.diagnosis.samples.exchanged import exchange_note
 from teleop_rt.offline import work
-from teleop_rt.offline.exchanged import exchange_note
 from teleop_rt.recordings.recording import from_arrays
 
 DATA = Path(os.environ.get("TELEOP_RT_DATA", "/nowhere"))
@@ -74,13 +74,39 @@ def test_no_measured_recording_gets_a_hint():
     assert set(found.values()) == {None}
 
 
+def written(path, header, *columns):
+    rows = np.column_stack(columns)
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    return path
+
+
 def test_the_diagnosis_of_a_table_carries_the_hint(call, tmp_path, monkeypatch):
     monkeypatch.setattr(work, "library", lambda _file: ())  # a hint looks at no effect
     position, force = pressed()
-    rows = np.column_stack((TIME_S, 1e3 * position, force))
-    np.savetxt(
-        tmp_path / "t.csv", rows, delimiter=",", header="t_s,force_N,position_mm", comments=""
-    )
-    code, out, _ = call("diagnose", tmp_path / "t.csv")
+    table = written(tmp_path / "t.csv", "t_s,force_N,position_mm", TIME_S, 1e3 * position, force)
+    code, out, _ = call("diagnose", table)
     assert code == 0
     assert "note: columns exchanged?" in out
+    assert "with --columns position=force_N force=position_mm" in out
+
+
+@pytest.mark.parametrize("command", ["diagnose", "replay"])
+def test_a_refusal_for_the_unit_carries_the_hint_alone(call, tmp_path, command):
+    position, force = pressed()
+    table = written(tmp_path / "t.csv", "t_s,position_m,force_N", TIME_S, force, position)
+    code, _, problem = call(command, table)
+    assert code == 2
+    assert problem.splitlines()[-1].count("exchanged") == 1
+    assert "wrong unit?" in problem
+    assert problem.endswith("; exchange them with --columns position=force_N force=position_m\n")
+
+
+@pytest.mark.parametrize("command", ["diagnose", "replay"])
+def test_a_refusal_for_the_sign_carries_the_hint(call, tmp_path, command):
+    position, force = pressed()
+    force = -force  # of a cell that counts pressure negative
+    table = written(tmp_path / "t.csv", "t_s,position_mm,force_N", TIME_S, force, position)
+    code, _, problem = call(command, table)
+    assert code == 2
+    assert "wrong sign?" in problem
+    assert "columns exchanged?" in problem

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from teleop_rt.contact.models import MODELS
+from teleop_rt.diagnosis.samples.exchanged import exchange_note, stands_beside_refusals
 from teleop_rt.diagnosis.samples.implausible import doubtful_unit, refuse_wrong_units
 from teleop_rt.diagnosis.samples.surface import refuse_turned
 from teleop_rt.errors import RecordingError
@@ -169,10 +170,11 @@ def online_of_recording(recording: Recording, choice: Choice) -> Online:
 
     Raises RecordingError where its figures hint at a wrong unit or sign.
     """
-    refuse_wrong_units(recording, None)
-    _refuse_beyond(recording, choice.surface)
-    if choice.surface is None and recording.surface is None:
-        refuse_turned(recording)
+    with stands_beside_refusals(exchange_note(recording)):
+        refuse_wrong_units(recording, None)
+        _refuse_beyond(recording, choice.surface)
+        if choice.surface is None and recording.surface is None:
+            refuse_turned(recording)
     noise = max(force_noise(recording.force), _SMALLEST_SHARE * float(np.ptp(recording.force)))
     settings = PipelineSettings(
         period_s=recording.dt,

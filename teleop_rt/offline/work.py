@@ -16,9 +16,9 @@ from teleop_rt.diagnosis.draft.declaration import drafted_from
 from teleop_rt.diagnosis.inference.rounds import Diagnosis
 from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.diagnosis.phases import enter
+from teleop_rt.diagnosis.samples.exchanged import exchange_note, stands_beside_refusals
 from teleop_rt.errors import FAULT, ExpectedError
 from teleop_rt.offline.drafting import write_draft
-from teleop_rt.offline.exchanged import exchange_note
 from teleop_rt.offline.find import digest_of, refuse_itself
 from teleop_rt.offline.load import load_any
 from teleop_rt.offline.replay import Choice, replay, write_trace
@@ -162,9 +162,10 @@ class Diagnosing:
         # Before the diagnosis, which takes as much memory as an hour's columns, and needs a part.
         hints = (exchange_note(loaded), weak_force(loaded) if path.suffix != ".mcap" else None)
         loaded, _ = most_active(loaded)
-        found = diagnose(
-            loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
-        )
+        with stands_beside_refusals(hints[0]):
+            found = diagnose(
+                loaded, self.base, test=unseen, effects=library(self.effects), surface=self.surface
+            )
         found.answer["notes"] += [hint for hint in hints if hint is not None]
         found.answer["notes"] += self._of_own_draft(found.answer, loaded)
         if self.out is not None:

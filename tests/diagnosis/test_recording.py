@@ -238,12 +238,22 @@ def test_data_without_contact_or_in_wrong_units_are_refused_with_the_reason(
         diagnose(recording, "kelvin-voigt", surface=0.0)
 
 
+@pytest.mark.parametrize(
+    ("pulls", "reason"),
+    [
+        (False, "mm; columns exchanged. .* with "),
+        (True, "mm; the force varies by 0.016 N only: if "),
+    ],
+)
 def test_columns_under_each_others_header_are_asked_for(
-    tmp_path: Path, pressed: dict[str, np.ndarray]
+    tmp_path: Path, pressed: dict[str, np.ndarray], pulls: bool, reason: str
 ) -> None:
-    table = pressed | {"position_m": pressed["force_N"], "force_N": pressed["position_m"]}
-    reason = "0.016 N only: if .* exchanged, .* --columns position=force_N force=position_m$"
-    with pytest.raises(RecordingError, match=reason):
+    force = (
+        2000.0 * pressed["position_m"] if pulls else pressed["force_N"]
+    )  # else free air shows it
+    table = pressed | {"position_m": force, "force_N": pressed["position_m"]}
+    option = "--columns position=force_N force=position_m$"
+    with pytest.raises(RecordingError, match=f"{reason}.*{option}"):
         diagnose(load(write_csv(tmp_path / "exchanged.csv", table)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from teleop_rt.diagnosis.samples.exchanged import exchange_note
 from teleop_rt.errors import RecordingError
 from teleop_rt.recordings.column_names import exchanged
 from teleop_rt.recordings.recording import Recording
@@ -37,7 +38,9 @@ def doubtful_unit(unit: str, travel: float, stiffness: float) -> str | None:
 
 
 def _if_exchanged(recording: Recording, travel: float) -> str:
-    """Return the advice for columns of each other's role, where the force is the smaller number."""
+    """Return the advice for columns of each other's role, where free air or the travel shows it."""
+    if (note := exchange_note(recording)) is not None:
+        return f"; {note}"
     varies = float(np.ptp(recording.force))
     if varies >= travel:
         return ""

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.errors import RecordingError
+from teleop_rt.recordings.column_names import exchanged
 from teleop_rt.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -12,7 +17,7 @@ Array = NDArray[np.float64]
 EXCHANGED = (
     "columns exchanged? the position rests at one level, as a force does in free air, while the"
     " force moves from its lowest value up to where the position begins to move, as a tool does"
-    " on its way to a surface; exchange them with --columns position=NAME force=NAME"
+    " on its way to a surface; exchange them with "
 )
 _LEVELS = 33
 """Levels into which a range is divided to find the usual one: 3 % each, above any noise."""
@@ -50,7 +55,18 @@ def exchange_note(recording: Recording) -> str | None:
         and float(np.mean(rests[below])) > _ONLY_THERE
         and _spread(position, _at_usual_level(force)) < _MOVES
     )
-    return EXCHANGED if found else None
+    return f"{EXCHANGED}{exchanged(recording.columns)}" if found else None
+
+
+@contextmanager
+def stands_beside_refusals(note: str | None) -> Iterator[None]:
+    """Add the note on exchanged columns to a RecordingError, which may be their consequence."""
+    try:
+        yield
+    except RecordingError as error:
+        if note is None or note in str(error):
+            raise
+        raise RecordingError(f"{error}; {note}") from None
 
 
 def _at_usual_level(signal: Array) -> NDArray[np.bool_]:
