@@ -118,3 +118,15 @@ def test_arrays_of_turned_force_are_refused_as_the_commands_refuse_a_file():
     for surface in (None, 0.0):
         with pytest.raises(RecordingError, match=r"wrong sign\?.*from_arrays takes arrays"):
             teleop_rt.from_arrays(t, position, -force, surface=surface)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 150.0])
+def test_a_slow_table_is_replayed_with_a_slower_filter(rate_hz):
+    t = np.arange(0.0, 20.0, 1.0 / rate_hz)
+    position = 0.004 - 0.008 * np.cos(np.pi * t)
+    velocity = 0.008 * np.pi * np.sin(np.pi * t)
+    force = np.where(position > 0.0, np.maximum(2000.0 * position + 8.0 * velocity, 0.0), 0.0)
+    force += np.random.default_rng(1).normal(0.0, 0.02, t.size)
+    slow = online_of_recording(from_arrays("table", t, position, force), RLS)
+    (row,), *_ = run_estimators(slow)
+    assert row["parameters"]["k"]["value"] == pytest.approx(2000.0, rel=0.01)
