@@ -13,7 +13,8 @@ from teleop_rt.errors import ExpectedError
 from teleop_rt.estimation.layout import ESTIMATED, HELD, STATUS_NAMES
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
-from teleop_rt.offline.replay import ONSET_NOISES, RELEASE_NOISES
+from teleop_rt.offline.no_contact import ONSET_NOISES
+from teleop_rt.offline.replay import RELEASE_NOISES
 
 
 class Options(TypedDict, total=False):

@@ -22,14 +22,15 @@ from teleop_rt.estimation.rows import RowSpec, rows_for
 from teleop_rt.estimation.trace import Trace
 from teleop_rt.ids import REGRESSIONS, SOLVERS
 from teleop_rt.offline.load import Online, load_any, load_online
+from teleop_rt.offline.no_contact import ONSET_NOISES, no_contact
 from teleop_rt.offline.table import Table
 from teleop_rt.outputs import refuse_existing
 from teleop_rt.realtime.scheduling import give_back_compiler
 from teleop_rt.recordings.recording import Recording
 from teleop_rt.recordings.rows import force_noise, quantisation_step, stretches
 
-ONSET_NOISES, RELEASE_NOISES = 8.0, 4.0
-"""Force that is contact, and that no longer is, in deviations of the force's noise."""
+RELEASE_NOISES = 4.0
+"""Force that is no contact any more, in deviations of the force's noise."""
 _SMALLEST_SHARE = 1e-3
 """Noise assumed at least, of the range of the force: a simulated force may have none."""
 _FINEST_SHARE = 2.0**-16
@@ -124,8 +125,8 @@ def run_estimators(
 ) -> tuple[list[dict[str, Any]], int, Trace, str]:
     """Return the rows as in the summary, the one that is selected (-1: none), trace and doubt.
 
-    The doubt is a sentence where the residual rejects the best model, else empty. No row has
-    deviations then: they are those of a white residual.
+    The doubt is a sentence where no contact begins that a row needs, or where the residual rejects
+    the best model, else empty. No row has deviations if it does: they are those of a white one.
     """
     pipeline = Pipeline(online.rows, online.settings)
     every = 1 + len(online.position) * len(online.rows) // MOST_KEPT
@@ -137,11 +138,18 @@ def run_estimators(
     if selected >= 0 and not worth_selecting(rows[selected]):
         selected = -1
     if not (pipeline.inadequate or pipeline.residual_has_memory):
-        return rows, selected, trace, ""
+        return rows, selected, trace, no_contact(online) if _misses_contact(pipeline) else ""
     for row in rows:
         for parameter in row["parameters"].values():
             parameter["std"] = None
     return rows, selected, trace, REJECTED
+
+
+def _misses_contact(pipeline: Pipeline) -> bool:
+    """Return whether there was no contact, and a row that estimates nothing but in contact."""
+    if pipeline.settings.surface is not None or pipeline.contact.contact_id > 0:
+        return False
+    return any(row.declared.in_contact_only for row in pipeline.rows)
 
 
 def online_of(path: Path, choice: Choice, table: Table, effects: Path | None = None) -> Online:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -130,3 +132,23 @@ def test_a_slow_table_is_replayed_with_a_slower_filter(rate_hz):
     slow = online_of_recording(from_arrays("table", t, position, force), RLS)
     (row,), *_ = run_estimators(slow)
     assert row["parameters"]["k"]["value"] == pytest.approx(2000.0, rel=0.01)
+
+
+def touched(peak_n, *, seconds, noise_n, choice=RLS):
+    """One touch of 2000 N/m in 10 s of free air, replayed: the doubt."""
+    t = np.arange(0.0, 10.0, PERIOD_S)
+    near, since = np.exp(-(((t - 5.0) / 0.3) ** 2)), (t - 5.0) / (0.5 * seconds)
+    air = -0.005 + 0.003 * np.sin(np.pi * t)
+    position = (1.0 - near) * air + near * peak_n / 2000.0 * np.maximum(1.0 - since**2, -4.0)
+    force = 2000.0 * np.maximum(position, 0.0) + np.random.default_rng(1).normal(0, noise_n, t.size)
+    return run_estimators(online_of_recording(from_arrays("table", t, position, force), choice))[3]
+
+
+def test_a_brief_touch_is_a_contact_or_the_note_says_which_one_would_be():
+    assert touched(3.0, seconds=0.06, noise_n=0.02) == ""
+    noisy = touched(3.0, seconds=0.06, noise_n=0.4)
+    assert re.match(r"no contact: one begins with 3 samples \(6 ms\) above 3\.\d+ N, 8 dev", noisy)
+    assert re.search(r"but the force rises to 3\.\d+ N and stays above for at most 4 ms; p", noisy)
+    assert "rises to 1.57 N; press" in touched(1.0, seconds=0.06, noise_n=0.4)
+    air = Choice(models=["mass"], regressions=["direct"], solvers=["rls"])
+    assert touched(1.0, seconds=0.06, noise_n=0.4, choice=air) == ""
