@@ -20,6 +20,8 @@ ONLINE, RUN = "online-estimation", "run"
 """The metadata records of our recordings: the slave's estimators, and the software."""
 BEGAN_AT = "began_at"
 """Key of the second: date, time and zone at which a run on the real clock began (ISO 8601)."""
+SIMULATED = "simulated"
+"""Key of the second that a run on a simulated rig has, with any value."""
 LARGEST_SEQUENCE = 0xFFFFFFFF
 """Largest sequence in MCAP's 32 bits; a row's number is cut to them."""
 

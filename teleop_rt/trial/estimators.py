@@ -20,7 +20,7 @@ from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.recorded import estimated_samples
 from teleop_rt.estimation.report import KEYS, report_with_delays
 from teleop_rt.estimation.rows import RowSpec, rows_for
-from teleop_rt.realtime.recording import BEGAN_AT, ONLINE, RUN
+from teleop_rt.realtime.recording import BEGAN_AT, ONLINE, RUN, SIMULATED
 from teleop_rt.realtime.rotation import SIZES
 
 Array = NDArray[np.float64]
@@ -128,6 +128,7 @@ def recording_metadata(
     return {
         ONLINE: online,
         RUN: {"trial": trial.name, "rig": trial.rig.name}
+        | ({} if trial.plant is None else {SIMULATED: "true"})
         | ({} if began_at is None else {BEGAN_AT: began_at}),
         SIZES: _sizes(trial.rig.recording),
     }

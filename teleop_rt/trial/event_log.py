@@ -22,6 +22,7 @@ from teleop_rt.master.engagement import LinkState
 from teleop_rt.master.handle_faults import HANDLE_FAULTS
 from teleop_rt.signals import MASTER, MASTER_TOPIC, SLAVE, SLAVE_TOPIC, columns
 from teleop_rt.slave.faults import FAULTS, HELD_BY, State
+from teleop_rt.slave.simulated_advice import next_step_of
 
 _COLUMN = columns(SLAVE)
 _STAMP, _STATE, _FAULT = _COLUMN["stamp_ns"], _COLUMN["state"], _COLUMN["fault"]
@@ -44,9 +45,13 @@ _INADEQUATE, _HELD_BY = _COLUMN["inadequate"], _COLUMN["held_by"]
 
 
 class EventLog:
-    """Writes events to log.jsonl, or to standard error where that is already the log."""
+    """Writes events to log.jsonl, or to standard error where that is already the log.
 
-    def __init__(self, path: Path | None = None) -> None:
+    `simulated` says whether the rig is: the next steps are then those that a simulation has.
+    """
+
+    def __init__(self, path: Path | None = None, *, simulated: bool) -> None:
+        self._simulated = simulated
         self._file: TextIO = path.open("a", encoding="utf-8") if path else sys.stderr
         self._state = self._fault = -1
         self._contact_id = self._inadequate = 0
@@ -112,9 +117,8 @@ class EventLog:
             self.write("state", stamp_ns, state=state.name, **why)
         if int(row[_FAULT]) not in {self._fault, 0}:
             fault = FAULTS[int(row[_FAULT])]
-            self.write(
-                "fault", stamp_ns, fault=fault.name, cause=fault.cause, next_step=fault.next_step
-            )
+            step = next_step_of(fault, simulated=self._simulated)
+            self.write("fault", stamp_ns, fault=fault.name, cause=fault.cause, next_step=step)
         if int(row[_CONTACT]) > self._contact_id:
             surface = float(row[_SURFACE])
             self.write(

@@ -118,7 +118,7 @@ def run_lockstep(
         run = LockstepTrial(trial, trial_file.parent, open_bench, ring_folder)
         metadata = recording_metadata(trial)
         describe(ring_folder, metadata)
-        log = EventLog(folder / LOG)
+        log = EventLog(folder / LOG, simulated=trial.plant is not None)
         recorder = Recorder(
             ring_folder,
             RecordingWriter(folder / RECORDING, trial.rig.units, metadata),

@@ -39,11 +39,6 @@ if TYPE_CHECKING:
 MASTER_PRIORITY, RIG_PRIORITY = 50, 55
 """SCHED_FIFO priorities of master and simulated rig, where the system grants them."""
 
-_SIMULATED_LOST = (
-    "leave the simulated rig, which lacked a processor, a core of its own, or run with --clock"
-    " simulated; then reset and arm"
-)
-
 _FREE = "(0 takes a free one)"
 
 ShouldStop = Callable[[], bool]
@@ -102,8 +97,7 @@ def slave_main(
             _finished(slave, should_stop, last_tick),
         )
         simulated = trial.plant is not None
-        if_late, if_lost = _if_late(trial, granted), _SIMULATED_LOST if simulated else ""
-        outcome = slave_outcome(slave, endpoint, if_late, if_lost, simulated=simulated)
+        outcome = slave_outcome(slave, endpoint, _if_late(trial, granted), simulated=simulated)
         return SlaveEnd(outcome, again=held.goes_on)
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from teleop_rt.config.trial import TrialConfig
 from teleop_rt.slave.faults import FAULTS, State
+from teleop_rt.slave.simulated_advice import next_step_of
 from teleop_rt.trial.felt_force import EnvironmentForce
 from teleop_rt.trial.late import recorded
-from teleop_rt.trial.simulated_advice import next_step_of
 from teleop_rt.trial.summary import summarise
 
 _REPORTED = ("began_at", "software", "clock", "seed")

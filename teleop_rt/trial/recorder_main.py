@@ -10,7 +10,7 @@ from typing import Any
 from teleop_rt.config.section import Units
 from teleop_rt.interrupts import StopRequest
 from teleop_rt.realtime.parent import Emit, emit_to_parent, emitting_problems, end_with_parent
-from teleop_rt.realtime.recording import ONLINE
+from teleop_rt.realtime.recording import ONLINE, RUN, SIMULATED
 from teleop_rt.realtime.ring_folder import LAST_FAULT, Recorder, description
 from teleop_rt.realtime.rotation import RotatingWriter, sizes_of
 from teleop_rt.realtime.state_file import found
@@ -46,7 +46,7 @@ def recorder_main(
     units = Units.model_validate(
         {"position": online["position_unit"], "force": online["force_unit"]}
     )
-    log = EventLog()
+    log = EventLog(simulated=SIMULATED in metadata.get(RUN, {}))
     writer = RotatingWriter(folder / RECORDING, units, metadata, sizes_of(metadata))
     recorder = Recorder(ring_folder, writer, log.watchers)
     emit("ready")

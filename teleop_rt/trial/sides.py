@@ -27,10 +27,10 @@ from teleop_rt.slave.faults import (
     Fault,
     of_axis,
 )
+from teleop_rt.slave.simulated_advice import next_step_of
 from teleop_rt.slave.slave import Slave
 from teleop_rt.trial.estimators import make_pipeline
 from teleop_rt.trial.late import cause, late_outcome
-from teleop_rt.trial.simulated_advice import next_step_of
 
 _STREAMS: dict[Role, int] = {"slave": 1, "master": 2}
 
@@ -120,19 +120,13 @@ def _cause(slave: Slave, fault: Fault) -> str:
     return f"no usable sample of position and force for {slave.safety.patience_ms:.3g} ms"
 
 
-def _advice(fault: Fault, by_lateness: bool, if_late: str, if_lost: str) -> str:
-    if by_lateness:
-        return if_late
-    return if_lost if fault is SAMPLES_LOST else ""
-
-
 def slave_outcome(
-    slave: Slave, endpoint: Endpoint, if_late: str = "", if_lost: str = "", *, simulated: bool
+    slave: Slave, endpoint: Endpoint, if_late: str = "", *, simulated: bool
 ) -> dict[str, Any]:
     """Return the counts of the slave's side, for the summary.
 
-    `if_late` is the advice for this machine's loop where lateness stopped it, and `if_lost` that
-    for its devices where no sample came; `simulated` says whether the rig is.
+    `if_late` is the advice for this machine's loop where lateness stopped it; `simulated` says
+    whether the rig is.
     """
     fault, late = slave.fault, late_outcome(slave.safety)
     by_lateness = fault is LATE_TICKS and late["stop"] is not None
@@ -148,7 +142,7 @@ def slave_outcome(
                 "code": fault.code,
                 "name": fault.name,
                 "cause": cause(late) if by_lateness else _cause(slave, behind),
-                "next_step": _advice(fault, by_lateness, if_late, if_lost)
+                "next_step": (if_late if by_lateness else "")
                 or next_step_of(behind, simulated=simulated),
                 "said": said or None,
             },

@@ -498,3 +498,6 @@ def test_a_touch_that_the_force_limit_ends_is_no_recording_without_contact(tmp_p
     assert said.count(reason) == 1
     assert "by hand" not in said
     assert "raise limits.stiffness_max" in summary["safety"]["fault"]["next_step"]
+    log = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
+    (fault,) = (one for one in log if one["event"] == "fault")
+    assert fault["next_step"] == summary["safety"]["fault"]["next_step"]

@@ -26,7 +26,7 @@ def rows(count: int, **changes: dict[int, float]) -> np.ndarray:
 
 
 def events(tmp_path: Path, *blocks: np.ndarray) -> list[dict[str, object]]:
-    log = EventLog(tmp_path / "log.jsonl")
+    log = EventLog(tmp_path / "log.jsonl", simulated=True)
     for block in blocks:
         log.watch_master(block)
     log.close()

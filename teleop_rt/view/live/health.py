@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from teleop_rt.link.troubles import NOTHING_TROUBLE, SILENT_TROUBLE, TROUBLES
 from teleop_rt.master.engagement import LinkState
 from teleop_rt.metrics import in_percent
 from teleop_rt.slave.faults import FAULTS, NO_FAULT, Fault, State
+from teleop_rt.slave.simulated_advice import next_step_of
 from teleop_rt.trial.grades import Grade, of_link, of_loop
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.live.source import About
@@ -61,6 +62,7 @@ def health(about: About, columns: Mapping[str, Columns], before: Health) -> Heal
     slave, master = columns["/slave"], columns.get("/master", {})
     code = int(slave["fault"][-1])
     fault = FAULTS.get(code, Fault(code, f"fault {code}", "unknown here", "read log.jsonl"))
+    fault = replace(fault, next_step=next_step_of(fault, simulated=about.simulated))
     residual = np.where(
         slave["in_contact"] > 0, slave["filtered_force"] - slave["predicted_force"], np.nan
     )

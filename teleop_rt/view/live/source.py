@@ -20,7 +20,7 @@ from teleop_rt.realtime.leftovers import alive, owner, shared_folder
 from teleop_rt.realtime.mcap_index import time_span
 from teleop_rt.realtime.parent import end_with_parent
 from teleop_rt.realtime.reading import read_messages, read_metadata
-from teleop_rt.realtime.recording import ONLINE, RUN
+from teleop_rt.realtime.recording import ONLINE, RUN, SIMULATED
 from teleop_rt.realtime.ring import RingReader
 from teleop_rt.realtime.ring_folder import PREFIX, description, published
 from teleop_rt.service.place import places
@@ -46,6 +46,7 @@ class About:
     period_s: float
     force_noise: float
     cutoff_hz: float
+    simulated: bool = False
 
 
 class RowSource(Protocol):
@@ -226,6 +227,7 @@ def about_of(metadata: Mapping[str, Mapping[str, str] | None]) -> About | None:
         period_s=float(settings["period_s"]),
         force_noise=float(settings["force_noise"]),
         cutoff_hz=float(settings["cutoff_hz"]),
+        simulated=SIMULATED in run,
     )
 
 
