@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ from rich.table import Table
 
 from teleop_rt.errors import RecordingError
 from teleop_rt.metrics import in_percent
+from teleop_rt.realtime.mcap_end import ends_whole
+from teleop_rt.realtime.parts import parts
 from teleop_rt.trial.folder import RECORDING, SUMMARY, began_at
 from teleop_rt.trial.grades import GRADE_COLOURS, MARKS, Grade, grades, of_loop, of_safety, worst
 from teleop_rt.trial.summary_file import read_summary
@@ -60,7 +62,7 @@ def _listed(folder: Path) -> Listed:
             )
         if "side" in summary:
             return _of_one_side(folder, summary)
-        return _of_summary(folder, summary)
+        return _marked(_of_summary(folder, summary), folder)
     except (RecordingError, KeyError, TypeError):
         ended = "summary of another version, or damaged"
         return Listed(str(folder), began_at(folder), None, "unknown", ended)
@@ -103,6 +105,27 @@ def _of_summary(folder: Path, summary: dict[str, Any]) -> Listed:
         },
         felt_nrmse=summary["master"]["nrmse"],
     )
+
+
+def _marked(run: Listed, folder: Path) -> Listed:
+    """Return the line, which says so where the recording lacks its end, as after a broken copy.
+
+    The summary stays that of the whole run.
+    """
+    try:
+        whole = all(_ends_whole(part) for part in parts(folder / RECORDING))
+    except OSError:
+        return run  # it cannot be read; each command on it says why
+    if whole:
+        return run
+    why = ", ".join(filter(None, (run.why, "recording")))
+    grade = worst([run.grade, "attention"])
+    return replace(run, grade=grade, why=why, ended=f"{run.ended}; recording cut off")
+
+
+def _ends_whole(part: Path) -> bool:
+    with part.open("rb") as stream:
+        return ends_whole(stream)
 
 
 def _parts(summary: Mapping[str, Any]) -> dict[str, str]:
