@@ -10,6 +10,7 @@ from jinja2 import ChainableUndefined, Environment, PackageLoader
 
 from teleop_rt.view import style
 from teleop_rt.view.charts import Chart
+from teleop_rt.view.gaps import broken_at_gaps
 from teleop_rt.view.plots import figure_of, svg
 from teleop_rt.view.screen import linked_figures, script
 
@@ -26,6 +27,7 @@ class Tile:
 
 def figures_of(charts: Sequence[Chart]) -> dict[str, Any]:
     """Return the charts of a page: `charts` by name, `paper`, `screen` and `script`."""
+    charts = [broken_at_gaps(chart) for chart in charts]
     return {
         "charts": {chart.name: chart for chart in charts},
         "paper": {chart.name: svg(figure_of(chart), chart.label) for chart in charts},

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_rt.view.gaps import Breaker
 from teleop_rt.view.live.health import Health, health
 from teleop_rt.view.live.source import About, RecordingSource, RowSource
 
@@ -145,6 +146,7 @@ class Feed:
         self._about: About | None = None
         self._judged: dict[str, Window] = {}
         self._thinners: dict[str, Thinner] = {}
+        self._breakers: dict[str, Breaker] = {}
 
     @property
     def about(self) -> About | None:
@@ -179,6 +181,7 @@ class Feed:
         self.shown.clear()
         self._judged.clear()
         self._thinners.clear()
+        self._breakers.clear()
         self.health = Health()
 
     def poll(self) -> None:
@@ -192,7 +195,8 @@ class Feed:
             thinner = self._thinners.setdefault(topic, Thinner(_step(about, topic)))
             thin = thinner(_only(_SHOWN.get(topic), rows))
             if thin["stamp_ns"].size:
-                self.shown.setdefault(topic, Window(self.window_s)).take(thin)
+                breaker = self._breakers.setdefault(topic, Breaker())
+                self.shown.setdefault(topic, Window(self.window_s)).take(breaker(thin))
             if topic in _JUDGED:
                 judged = self._judged.setdefault(topic, Window(_JUDGED_S))
                 judged.take(_only(_JUDGED[topic], rows))
