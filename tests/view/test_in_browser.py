@@ -105,7 +105,7 @@ def test_the_live_page_follows_a_trial_and_shows_a_fault_with_its_next_step(
     until(browser, lambda: "fault: samples lost" in text(browser, "fault"), advance)
     shown = text(browser, "fault")
     assert 'class="lamp bad"' in shown
-    assert "check power and wiring" in shown
+    assert "leave the simulated rig, which lacked a processor, a core" in shown
     assert console_errors(browser) == []
 
     server.send_signal(signal.SIGTERM)
