@@ -10,7 +10,7 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Literal
 
-from teleop_rt.config.shown_unit import shown_unit
+from teleop_rt.config.shown_unit import doubt_of, shown_unit
 from teleop_rt.estimation.rows import FROZEN_LABEL
 from teleop_rt.trial.grades import MARKS
 
@@ -234,7 +234,7 @@ def parameter(name: str, content: Any) -> str:
     std = content["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
-    said = "not identified" if content.get("identified") is False else content.get("note")
+    said = doubt_of(content) or content.get("note")
     note = f" ({said})" if said else ""
     return f"{name} = {_as_sure(content['value'], std):.5g}{spread}{unit}{note}"
 
