@@ -10,6 +10,7 @@ from offline_tables import press, write_csv
 from rich.console import Console
 from scipy.io import savemat
 
+from teleop_rt.config.shown_unit import reached_by
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
 from teleop_rt.extras import install_command
@@ -262,6 +263,29 @@ def test_a_size_that_would_have_been_detected_has_its_unit_with_the_values_in_it
     assert size_seen(drag | {"unit": "N s/m"}, base) == "2 N s/m (10 % of b)"
     assert size_seen(drag | {"unit": "N/m", "size": 101.6}, base) == "102 N/m (25 % of k)"
     assert size_seen({"size": 0.01, "unit": "1", "shape": {}}, base) == "0.01 (ratio)"
+    for unit, shown in (
+        ("N/m^power", "0.002 N"),
+        ("N s/m^(power+1)", "0.002 N s/m"),
+        ("N s^2/m^(power+2)", "0.002 N s^2/m^2"),
+    ):
+        reached = drag | {"unit": unit} | reached_by(unit, 2.0, {"power": 1.5}, 0.01)
+        assert size_seen(reached, base) == f"{shown} at 10 mm"
+    assert reached_by("N/m^power", 2.0, {"power": 1.5, "centre": 0.0}, 0.01) == {}
+    assert reached_by("N/s^power", 2.0, {"power": 1.5}, 0.01) == {}
+
+
+def test_the_stiffness_of_a_power_law_has_its_force_at_the_deepest_point(call, tmp_path):
+    t = np.arange(0.0, 8.0, 1e-3)
+    x = 0.005 * np.sin(2 * np.pi * 0.9 * t) + 0.001 * np.sin(2 * np.pi * 2.3 * t)
+    force = np.maximum(3e5 * np.maximum(x, 0.0) ** 2.2, 0.0)
+    force += 0.002 * np.random.default_rng(1).standard_normal(t.size)
+    np.savez(tmp_path / "power.npz", t_s=t, position_m=x, force_N=force)
+    hertz = ("--models", "hunt-crossley", "--regressions", "direct", "--solvers", "rls")
+    for command, options in (("replay", hertz), ("diagnose", ("--base", "hunt-crossley"))):
+        said = call(command, "power.npz", *options)[1]
+        there = re.search(r"k = .* N/m(?:\^n|ⁿ) \((\S+) N at (\S+) mm\)", said)
+        reached = [float(number) for number in there.groups()]
+        assert reached == pytest.approx([force.max(), 1e3 * x.max()], rel=0.03)
 
 
 def test_sizes_that_would_have_been_detected_are_two_columns_below_all_else(call, tmp_path):

@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from teleop_rt.config.shown_unit import reached_by
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.layout import STATUS_NAMES, WARMING_UP
 from teleop_rt.estimation.pipeline import Pipeline
@@ -127,8 +130,26 @@ def report_with_delays(
     The delay is null where the body's stiffness does not vary, or the row does not follow it.
     """
     rows = report(pipeline, position, force)
+    deepest = _deepest(trace)
     times = zip(settling_times(trace), stiffness_delays(trace), strict=True)
     for row, (settled_s, delay_s) in zip(rows, times, strict=True):
         row["convergence_s"] = None if row["status"] in _UNKNOWN else settled_s
         row["tracking_delay_s"] = delay_s
+        _add_reached(row["parameters"], deepest)
     return rows
+
+
+def _deepest(trace: Trace) -> float:
+    """Return the largest depth in contact beyond a known surface [rig unit], 0 without any."""
+    touching, _, surface, depth = trace.signals[:, :4].T
+    known = (touching > 0.0) & np.isfinite(surface)
+    return float(np.max(depth, initial=0.0, where=known))
+
+
+def _add_reached(parameters: dict[str, Any], depth: float) -> None:
+    """Add to stiffness and damping of a power law their values at a depth that was reached."""
+    exponent = parameters.get("n", {"value": None})["value"]
+    for name in ("k", "b"):
+        one = parameters.get(name, {"value": None})
+        if exponent is not None and one["value"] is not None:
+            one |= reached_by(one["unit"], one["value"], {"n": exponent}, depth)

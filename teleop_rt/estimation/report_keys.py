@@ -19,6 +19,12 @@ class EstimatedParameter(Keys):
     identified: NotRequired[bool]
     """Whether a stiffness, damping, mass or exponent is above zero by two standard deviations;
     absent where there is no standard deviation, unless it is negative."""
+    at_depth: NotRequired[float]
+    """Largest depth that was reached [m or rad]; beside the size of a law with x^n only."""
+    value_at_depth: NotRequired[float]
+    """The size times x^n there, in `unit_at_depth`: of a spring the force."""
+    unit_at_depth: NotRequired[str]
+    """Unit of value_at_depth."""
 
 
 class SelectedEstimator(Keys):

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from teleop_rt.config.section import Units
-from teleop_rt.config.shown_unit import doubt_of, shown_unit
+from teleop_rt.config.shown_unit import at_depth_in_words, beside, doubt_of, shown_unit
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.metrics import in_percent
 from teleop_rt.trial.felt_lines import (
@@ -97,7 +97,7 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
 def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
     std = parameter["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
-    note = f" ({doubt})" if (doubt := doubt_of(parameter)) else ""
+    note = beside(at_depth_in_words(parameter)) + beside(doubt_of(parameter))
     unit = "" if parameter["unit"] == "1" else f" {shown_unit(parameter['unit'])}"
     return f"{name} = {shown(parameter['value'], '', 5)}{spread}{unit}{note}"
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from teleop_rt.config.section import Units
-from teleop_rt.config.shown_unit import shown_unit
+from teleop_rt.config.shown_unit import at_depth_in_words, shown_unit
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.models import MODELS
 from teleop_rt.metrics import in_percent
@@ -37,8 +37,11 @@ def size_seen(effect: Mapping[str, Any], base: Mapping[str, Any]) -> str:
     """Return the size of an effect that would have been detected, with its share of the base.
 
     `base` has the parameters of the base by their names: one with the unit of the size gives the
-    share. Exponents of a unit that are shapes of the effect are given as numbers.
+    share. Exponents of a unit that are shapes of the effect are given as numbers; a size with a
+    value at a depth is given by that alone.
     """
+    if reached := at_depth_in_words(effect):
+        return reached
     unit = "(ratio)" if effect["unit"] == "1" else shown_unit(effect["unit"])
     for name, value in effect["shape"].items():
         unit = unit.replace(f"({name}+1)", f"{value + 1.0:.3g}").replace(name, f"{value:.3g}")

@@ -10,7 +10,7 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Literal
 
-from teleop_rt.config.shown_unit import doubt_of, shown_unit
+from teleop_rt.config.shown_unit import at_depth_in_words, beside, doubt_of, shown_unit
 from teleop_rt.estimation.rows import FROZEN_LABEL
 from teleop_rt.trial.grades import MARKS
 
@@ -230,12 +230,11 @@ def parameter(name: str, content: Any) -> str:
         return f"{name} –"
     if _undetermined(name, content["value"], content["std"]):
         return f"{name}: not determined"
-    content = in_shown_unit(content)
+    reached, content = printed(at_depth_in_words(content)), in_shown_unit(content)
     std = content["std"]
     spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
-    said = doubt_of(content) or content.get("note")
-    note = f" ({said})" if said else ""
+    note = beside(reached) + beside(doubt_of(content) or content.get("note", ""))
     return f"{name} = {_as_sure(content['value'], std):.5g}{spread}{unit}{note}"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from teleop_rt.config.shown_unit import reached_by
 from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.answers.shares import shares_of_members
 from teleop_rt.diagnosis.inference.one_more import without
@@ -88,6 +89,8 @@ def base_entry(fit: Fit, problem: Problem, floor: Matrix, units: tuple[str, str]
     place = 0
     if fit.model.base.has_power:
         found["n"] = _nonlinear(fit, place, problem, spread, "1")
+        for name in ("k", "b"):
+            _add_reached(found, name, ["n"], fit, problem)
         place += 1
     if fit.model.base.finds_surface:
         surface = {"value": finite(problem.surface - fit.model.shift(fit.zeta))}
@@ -126,7 +129,24 @@ def parameters_of_effect(
         if coordinate.owner == member:
             shape = coordinate.shape
             found[shape.name] = _nonlinear(fit, j, problem, spread, fill(shape.unit, units))
+    _add_reached(
+        found, effect.amplitude.name, [shape.name for shape in effect.shapes], fit, problem
+    )
     return found
+
+
+def deepest(problem: Problem, fit: Fit) -> float:
+    """Return the largest depth beyond the fitted surface [rig unit]."""
+    return float(np.max(problem.motion.x)) + fit.model.shift(fit.zeta)
+
+
+def _add_reached(
+    found: dict[str, Any], size: str, shapes: Sequence[str], fit: Fit, problem: Problem
+) -> None:
+    """Add to the size of a power law its value at the largest depth."""
+    one, exponents = found.get(size), {n: found[n]["value"] for n in shapes if n in found}
+    if one is not None and None not in {one["value"], *exponents.values()}:
+        one |= reached_by(one["unit"], one["value"], exponents, deepest(problem, fit))
 
 
 def _with_figures(sentence: str, parameters: dict[str, Any]) -> str:

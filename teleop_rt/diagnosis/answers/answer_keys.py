@@ -24,6 +24,12 @@ class FittedParameter(Keys):
     note: NotRequired[Literal["not identified", "at its bound"]]
     """Present where a parameter of the base is not above zero by two standard deviations, and where
     the value is a bound of the range in which it is searched: the true one may lie beyond it."""
+    at_depth: NotRequired[float]
+    """Largest depth that was reached [m or rad]; beside the size of a law with x^n only."""
+    value_at_depth: NotRequired[float]
+    """The size times x^n there, in `unit_at_depth`: of a spring the force."""
+    unit_at_depth: NotRequired[str]
+    """Unit of value_at_depth."""
 
 
 class FittedBase(Keys):
@@ -125,6 +131,12 @@ class Detectable(Keys):
     """Unit of the size."""
     shape: dict[str, float]
     """The shape that shows least: its parameters by name, in the units of the effect."""
+    at_depth: NotRequired[float]
+    """Largest depth that was reached [m or rad]; beside the size of a law with x^n only."""
+    value_at_depth: NotRequired[float]
+    """The size times x^n there, in `unit_at_depth`: of a spring the force."""
+    unit_at_depth: NotRequired[str]
+    """Unit of value_at_depth."""
 
 
 class Errors(Keys):

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from teleop_rt.config.shown_unit import reached_by
 from teleop_rt.contact.effect import Effect, Matrix, Shape, Vector
-from teleop_rt.diagnosis.answers.answer import fill
+from teleop_rt.diagnosis.answers.answer import deepest, fill
 from teleop_rt.diagnosis.criteria import (
     CERTAIN_BIC,
     DOUBT_WEIGHT,
@@ -64,6 +65,7 @@ def detectable(
     left = lack_of_fit(problem, base, own)
     doubted = left.noise_per_direction * (1.0 + DOUBT_WEIGHT * left.doubt)
     hidden = HIDDEN_SHARE * problem.whitener.samples
+    depth = deepest(problem, base)
     found = []
     for effect in {one.name: one for one in reversed(effects)}.values():
         if effect.acts != "adds_force" and not nonlinear_amplitude(effect):
@@ -80,13 +82,12 @@ def detectable(
         if nonlinear_amplitude(effect):
             most = max(map(abs, bounds(effect.amplitude, problem.motion.scales)))
         free = [shape for shape in effect.shapes if not (shape.phase and phases(effect))]
-        found.append({
-            "name": effect.name,
-            "parameter": effect.amplitude.name,
-            "size": float(size) if size < most else None,
-            "unit": fill(effect.amplitude.unit, units),
-            "shape": {s.name: float(v) for s, v in zip(free, eta, strict=False)},
-        })  # fmt: skip
+        unit = fill(effect.amplitude.unit, units)
+        shape = {s.name: float(v) for s, v in zip(free, eta, strict=False)}
+        seen = float(size) if size < most else None
+        reached = {} if seen is None else reached_by(unit, seen, shape, depth)
+        found.append({"name": effect.name, "parameter": effect.amplitude.name, "size": seen,
+                      "unit": unit, "shape": shape, **reached})  # fmt: skip
     return sorted(found, key=lambda one: str(one["name"]))
 
 
