@@ -59,14 +59,14 @@ def exchange_note(recording: Recording) -> str | None:
 
 
 @contextmanager
-def stands_beside_refusals(note: str | None) -> Iterator[None]:
-    """Add the note on exchanged columns to a RecordingError, which may be their consequence."""
+def stands_beside_refusals(hint: str | None) -> Iterator[None]:
+    """Add the hint at exchanged columns to a RecordingError, which may be their consequence."""
     try:
         yield
     except RecordingError as error:
-        if note is None or note in str(error):
+        if hint is None or hint in str(error):
             raise
-        raise RecordingError(f"{error}; {note}") from None
+        raise RecordingError(f"{error}; {hint}") from None
 
 
 def _at_usual_level(signal: Array) -> NDArray[np.bool_]:
