@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ _PROMISING_SHARE = 0.3  # of the best screened gain; a law below it is not fitte
 _PROMISING_JUMP_SHARE = 0.02  # the same for effects that move a contact: most gain comes in the fit
 _MOST_LAWS = 14  # laws with the largest screened gain that are fitted
 _LIKELIEST_EFFECTS = 2  # effects of which all laws are fitted
+_LIKELY_EFFECTS = 5  # effects of which all promising laws are fitted
 _PASTS: tuple[Past, ...] = ("contacts", "rest")
 _LARGEST_PAST_FORCE = 3.0  # times the largest force; an earlier contact was no stronger
 
@@ -44,7 +46,7 @@ def fit_base(problem: Problem, base: Base, near: Fit | None = None) -> Fit:
     return min(fits, key=lambda fit: fit.chi2)
 
 
-def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
+def fit_start(problem: Problem, start: Start, evaluations: int = 15, beat: float = math.inf) -> Fit:
     """Return the joint fit of a model and the effect that the start adds to it.
 
     A model without the effect may have moved its surface to compensate, and chi-square has a local
@@ -56,7 +58,7 @@ def fit_start(problem: Problem, start: Start, evaluations: int = 15) -> Fit:
         places = [zeta, *at_onset]
         zeta = min(places, key=lambda place: problem.solve(model, place).chi2)
     starts = [zeta] if start.other is None else [zeta, start.other]
-    fits = [problem.refine(model, place, evaluations) for place in starts]
+    fits = [problem.refine(model, place, evaluations, beat) for place in starts]
     return min(fits, key=lambda fit: fit.chi2)
 
 
@@ -154,12 +156,14 @@ def _promising(
     if base.model.base.has_power and base.model.base.finds_surface:
         chosen += _at_other_depths(problem, starts)
     fits = [fit_start(problem, s) for s in chosen]
-    likely = best_by_name(fits)[:_LIKELIEST_EFFECTS]
-    names = {fit.names[0] for fit in likely}
-    others = [s for s in starts if not any(s is c for c in chosen) and s.effect.name in names]
-    for fit in likely:
+    likely = best_by_name(fits)[:_LIKELY_EFFECTS]
+    every, most = ({fit.names[0] for fit in likely[:n]} for n in (_LIKELIEST_EFFECTS, None))
+    for fit in likely[:_LIKELIEST_EFFECTS]:
         fits += extended(problem, fit, effects) if fit.bic < base.bic else []
-    return [*fits, *(fit_start(problem, start) for start in others)]
+    others = [s for s in starts if not any(s is one for one in chosen)]
+    fits += [fit_start(problem, s) for s in others if s.effect.name in every]
+    rest = [s for s in others if s.effect.name in most - every and promises(s)]
+    return fits + [fit_start(problem, s, beat=likely[0].chi2) for s in rest]
 
 
 def _at_other_depths(problem: Problem, starts: list[Start]) -> list[Start]:
