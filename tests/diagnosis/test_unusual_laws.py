@@ -68,6 +68,23 @@ def test_a_set_that_creeps_in_is_a_permanent_set(seed: int) -> None:
     assert found["creep_time"]["value"] == pytest.approx(1.2, rel=0.15)
 
 
+@pytest.mark.parametrize("hardening", cases(3800.0, 0.0))
+def test_a_body_that_flows_beyond_a_yield_force_keeps_a_permanent_set(hardening: float) -> None:
+    """Bingham and Perzyna: viscosity * rate = k (x - s) - yield - hardening * s, never back."""
+    stiffness, viscosity, yield_N = STIFFNESS, 1.1 * STIFFNESS, 0.5e-3 * STIFFNESS
+    x, v = _moved(3)
+    left = np.zeros_like(x)
+    for i in range(1, x.size):
+        over = stiffness * (x[i] - left[i - 1]) - yield_N - hardening * left[i - 1]
+        left[i] = left[i - 1] + max(over, 0.0) / viscosity * DT_S
+    answer = _answer(x, _body(x - left, v - np.gradient(left, DT_S)), 3)
+    assert _sets(answer) == {frozenset({"permanent_set"})}
+    found = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
+    assert found["share"] == pytest.approx(stiffness / (stiffness + hardening), rel=0.1)
+    assert found["creep_time"] == pytest.approx(viscosity / (stiffness + hardening), rel=0.15)
+    assert found["yield_depth"] == pytest.approx(yield_N / stiffness, rel=0.15)
+
+
 def test_structural_damping_is_hysteresis_or_the_friction_of_a_loaded_guide() -> None:
     """One force has two causes: a hysteresis by Reid, and friction that grows with the load."""
     x, v = _moved(3)

@@ -41,8 +41,8 @@ class Count:
     ("effects", "fits", "predictions"),
     [
         ((), 800, 430),
-        (("coulomb_friction",), 1320, 1060),
-        (("channel_delay", "force_bias"), 2300, 2820),
+        (("coulomb_friction",), 1320, 1120),
+        (("channel_delay", "force_bias"), 2300, 3050),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

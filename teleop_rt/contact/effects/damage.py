@@ -96,8 +96,12 @@ def _set_behind_deepest(
 def _set_creeping_in(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
-    """Lower the surface towards a share of the penetration while that is more; never back."""
-    state[0] += max(x - state[0], 0.0) * -expm1(-dt / eta[0])
+    """Lower the surface towards a share of the penetration beyond a yield depth; never back.
+
+    Bingham and Perzyna's viscoplastic rate with linear hardening: the overstress is the excess of a
+    spring's force over a threshold that grows with the set.
+    """
+    state[0] += max(x - eta[1] - state[0], 0.0) * -expm1(-dt / eta[0])
     return -float(state[0])
 
 
@@ -218,7 +222,7 @@ EFFECTS = (
     _damaged(
         name="permanent_set",
         law="creeping in",
-        amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=0.7, points=4),
+        amplitude=Amplitude("share", "1", nonnegative=True, lower=3e-3, upper=1.0, points=6),
         shapes=(
             Shape(
                 "creep_time",
@@ -231,9 +235,22 @@ EFFECTS = (
                 points=3,
                 ideal="lower",
             ),
+            Shape(
+                "yield_depth",
+                "{x}",
+                0.0,
+                0.7,
+                0.0,
+                relative_to="travel",
+                points=2,
+                ideal="lower",
+            ),
         ),
         step=_set_creeping_in,
-        sentence="A share of {share} of the penetration stays; it creeps in within {creep_time}.",
+        sentence=(
+            "A share of {share} of the penetration beyond {yield_depth} stays; it creeps in within"
+            " {creep_time}."
+        ),
         state_size=1,
         only_in_contact=False,
         acts="moves_position",
