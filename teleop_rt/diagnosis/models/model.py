@@ -67,8 +67,9 @@ def nonlinear_amplitude(effect: Effect) -> bool:
 
 def _is_of_the_body(effect: Effect) -> bool:
     """Return whether a body exerts the effect's force on the tool and can release the tool."""
-    material = effect.stage == "material" and effect.acts == "adds_force"
-    return material and effect.only_in_contact and effect.family != "adhesion"
+    at_contact = effect.only_in_contact and effect.acts == "adds_force"
+    material = effect.stage == "material" or effect.family == "friction"
+    return at_contact and material and effect.family != "adhesion"
 
 
 def _deforms(effect: Effect) -> bool:
