@@ -42,7 +42,7 @@ class Count:
     [
         ((), 800, 430),
         (("coulomb_friction",), 1320, 1120),
-        (("channel_delay", "force_bias"), 2300, 3050),
+        (("channel_delay", "force_bias"), 2300, 3250),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

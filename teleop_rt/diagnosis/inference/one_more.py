@@ -9,7 +9,7 @@ import numpy as np
 from teleop_rt.contact.effect import Effect, Vector
 from teleop_rt.diagnosis.criteria import CERTAIN_BIC
 from teleop_rt.diagnosis.inference.coarse import Coarse, at_lower_rates
-from teleop_rt.diagnosis.inference.laws import by_other_laws
+from teleop_rt.diagnosis.inference.laws import by_other_laws, friction_beside_delay
 from teleop_rt.diagnosis.inference.screening import screen_coarsely
 from teleop_rt.diagnosis.inference.search import (
     best_by_name,
@@ -61,7 +61,9 @@ def coarse_one_more(
     lower = at_lower_rates(problem)
     starts = _starts(problem, lower, base, singles, effects)
     near, _ = lower[0].around(problem, min(singles, key=lambda fit: fit.chi2))
-    fits = best_by_name([fit_start(near, start, evaluations=10) for start in starts])
+    fits = [fit_start(near, start, evaluations=10) for start in starts]
+    fits += friction_beside_delay(near, worth_extending(base, singles)[:FIRSTS], effects)
+    fits = best_by_name(fits)
     fits += [with_other_clamp(near, fit) for fit in fits[:2]]
     pairs = all(len(fit.names) == 2 for fit in fits)
     for fit in fits[: _RELAWED_PAIRS if pairs else _RELAWED_SETS]:
