@@ -15,6 +15,8 @@ from teleop_rt.recordings.filters import pieces
 
 GAP = 1.75
 """Periods from one sample to the next; one is missing where there are more."""
+_CLOSE = 0.5
+"""Periods between samples; the spline takes the noise of two that are nearer for a steep slope."""
 _ON_GRID = 1e-6
 """Share of a period within which samples lie where they should."""
 
@@ -35,12 +37,16 @@ def resampled(grid: SampleTimes, t: Vector, row: Vector) -> Vector:
     """Return `row`, sampled at `t`, on the grid, unchanged where its samples lie there.
 
     By a cubic where the samples are close: a line cuts the curve between them, and makes of it a
-    force that comes late. By a line over gaps.
+    force that comes late. By a line over gaps. Samples within half a period count as their mean.
     """
     first, second = grid.part(slice(0, 2)).tolist()
     period = second - first
     if _lies_on(grid, t, _ON_GRID * period):
         return row.copy()
+    if float(np.min(np.diff(t))) < _CLOSE * period:
+        t, row = t.copy(), row.copy()
+        number = _merge(t, row, _CLOSE * period)
+        t, row = t[:number], row[:number]
     bent, found = bends(t, row), np.empty(grid.size)
     for part in pieces(grid.size):
         here = grid.part(part)
@@ -66,6 +72,24 @@ def covered(grid: SampleTimes, t: Vector) -> Vector:
         distance = np.minimum(np.abs(here - t[place - 1]), np.abs(t[place] - here))
         found[part] = distance <= (GAP - 1.0) * grid.period
     return found
+
+
+@kernel
+def _merge(t: Vector, row: Vector, near: float) -> int:
+    """Replace samples within `near` [s] of a first one by their mean, in place; return how many.
+
+    The first and the last sample keep their times.
+    """
+    number, i, last = 0, 0, t.size - 1
+    while i <= last:
+        past, time, value = i + 1, t[i], row[i]
+        while i > 0 and past < last and t[past] - t[i] < near:
+            time += t[past]
+            value += row[past]
+            past += 1
+        t[number], row[number] = time / (past - i), value / (past - i)
+        number, i = number + 1, past
+    return number
 
 
 def bends(t: Vector, row: Vector) -> Vector:

@@ -11,6 +11,7 @@ import pytest
 from scipy import fft, interpolate, ndimage, signal
 
 from teleop_rt.contact.effect import Vector
+from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.models.least_squares import solution, within_bounds
 from teleop_rt.diagnosis.models.simulate import first_order
 from teleop_rt.recordings.filters import (
@@ -21,6 +22,7 @@ from teleop_rt.recordings.filters import (
     local_polynomial,
     running_rank,
 )
+from teleop_rt.recordings.recording import from_arrays
 from teleop_rt.recordings.resampling import SampleTimes, bends, on_spline, resampled
 
 ROWS = np.cumsum(np.random.default_rng(1).standard_normal((2, 3000)), axis=1)
@@ -134,3 +136,27 @@ def test_a_long_row_is_resampled_by_the_same_spline_where_its_pieces_meet() -> N
     grid = SampleTimes(float(t[0]), 1.0, int(t[-1] - t[0]))
     expected = interpolate.CubicSpline(t, row, bc_type="natural")(grid.part(slice(0, grid.size)))
     assert resampled(grid, t, row) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_noise_of_samples_that_nearly_coincide_is_not_taken_for_a_slope(seed: int) -> None:
+    """A spline through two samples a tenth of a period apart swings to ten times their noise."""
+    rng = np.random.default_rng(seed)
+    grid = SampleTimes(0.0, 4e-3, 4000)
+    t = grid.part(slice(0, grid.size)) + 1.8e-3 * rng.uniform(-1.0, 1.0, grid.size)
+    t[0], t[-1] = 0.0, grid.period * (grid.size - 1)
+    noise = resampled(grid, t, rng.standard_normal(grid.size))
+    assert float(np.max(np.abs(noise))) < 5.0
+    curve = resampled(grid, t, np.sin(2.0 * np.pi * 6.0 * t))
+    exact = np.sin(2.0 * np.pi * 6.0 * grid.part(slice(0, grid.size)))
+    assert float(np.max(np.abs(curve - exact))) < 0.02
+
+
+def test_stamps_that_jitter_by_a_third_of_a_period_make_no_outliers() -> None:
+    rng = np.random.default_rng(6)
+    jitter = 1.5e-3 * rng.standard_normal(4500).clip(-1.25, 1.25)
+    t = np.maximum.accumulate(4e-3 * np.arange(4500) + jitter)
+    x = 4e-3 * np.sin(2.6 * t) + 2e-3 * np.sin(7.1 * t + 1.0)
+    force = np.where(x > 0.0, 500.0 * x, 0.0) + 0.03 * rng.standard_normal(t.size)
+    recording = from_arrays("stamped", t, 5e-6 * np.round(x / 5e-6), force)
+    assert diagnose(recording).answer["effects"] == []
