@@ -20,6 +20,7 @@ def friction_beside_delay(
     """Return fits of each law of the frictions among the fits, beside a delay of the force.
 
     Of a force that is read late, a law with presliding explains most, and no delay gains beside it.
+    A fit whose force is ahead is left out: a lead stands in for a friction's damping.
     """
     delays = [effect for effect in effects if effect.acts == "shifts_time" and not effect.extends]
     found: list[Fit] = []

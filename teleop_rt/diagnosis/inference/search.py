@@ -131,39 +131,49 @@ def _promising(
     """Return fits of the most promising laws, and of one law of each other promising effect.
 
     With little excitation many effects explain the residual equally well, and each must be fitted.
-    All laws of the likeliest effects are fitted, because a biased base can favour a wrong law. One
+    A biased base, or another law, can favour a wrong law of an effect: all laws of the likeliest
+    ones are fitted, and the promising laws of some more, unless their descent is hopeless. One
     that extends a law is fitted from there, if that is likelier than the base.
     """
     if not starts:
         return []
+    chosen = _chosen(problem, base, starts)
+    fits = [fit_start(problem, s) for s in chosen]
+    likely = best_by_name(fits)[:_LIKELY_EFFECTS]
+    names = [fit.names[0] for fit in likely]
+    every, some = names[:_LIKELIEST_EFFECTS], names[_LIKELIEST_EFFECTS:]
+    for fit in likely[:_LIKELIEST_EFFECTS]:
+        fits += extended(problem, fit, effects) if fit.bic < base.bic else []
+    others = [s for s in starts if not any(s is one for one in chosen)]
+    fits += [fit_start(problem, s) for s in others if s.effect.name in every]
+    rest = [s for s in others if s.effect.name in some and _promises(s, starts[0])]
+    return fits + [fit_start(problem, s, beat=likely[0].chi2) for s in rest]
 
-    def promises(start: Start) -> bool:
-        # The screened gain of an effect that moves a contact, or gives way to the force, is small:
-        # its descent finds the rest.
-        descends = start.effect.acts in (*JUMPS, "deflects")
-        least = _PROMISING_JUMP_SHARE if descends else _PROMISING_SHARE
-        return start.gain > max(10.0, least * starts[0].gain)
 
-    promising = [s for s in starts if promises(s)]
-    chosen = promising[:_MOST_LAWS]
-    left = promising[_MOST_LAWS:]
+def _promises(start: Start, best: Start) -> bool:
+    """Return whether a law is worth a fit beside the best start.
+
+    The screened gain of an effect that moves a contact, or gives way to the force, is small: its
+    descent finds the rest.
+    """
+    descends = start.effect.acts in (*JUMPS, "deflects")
+    least = _PROMISING_JUMP_SHARE if descends else _PROMISING_SHARE
+    return start.gain > max(10.0, least * best.gain)
+
+
+def _chosen(problem: Problem, base: Fit, starts: list[Start]) -> list[Start]:
+    """Return the best of the promising starts, and one of each other effect that promises."""
+    promising = [s for s in starts if _promises(s, starts[0])]
+    chosen, left = promising[:_MOST_LAWS], promising[_MOST_LAWS:]
     if base.model.base.has_power:
         # A shift of the depth changes the base's power; at the old power its gain is small.
-        left += [s for s in starts if not promises(s) and _shifts_depth(s.effect)]
+        left += [s for s in starts if not _promises(s, starts[0]) and _shifts_depth(s.effect)]
     for start in left:
         if start.effect.name not in {s.effect.name for s in chosen}:
             chosen.append(start)
     if base.model.base.has_power and base.model.base.finds_surface:
         chosen += _at_other_depths(problem, starts)
-    fits = [fit_start(problem, s) for s in chosen]
-    likely = best_by_name(fits)[:_LIKELY_EFFECTS]
-    every, most = ({fit.names[0] for fit in likely[:n]} for n in (_LIKELIEST_EFFECTS, None))
-    for fit in likely[:_LIKELIEST_EFFECTS]:
-        fits += extended(problem, fit, effects) if fit.bic < base.bic else []
-    others = [s for s in starts if not any(s is one for one in chosen)]
-    fits += [fit_start(problem, s) for s in others if s.effect.name in every]
-    rest = [s for s in others if s.effect.name in most - every and promises(s)]
-    return fits + [fit_start(problem, s, beat=likely[0].chi2) for s in rest]
+    return chosen
 
 
 def _at_other_depths(problem: Problem, starts: list[Start]) -> list[Start]:

@@ -66,10 +66,13 @@ def nonlinear_amplitude(effect: Effect) -> bool:
 
 
 def _is_of_the_body(effect: Effect) -> bool:
-    """Return whether a body exerts the effect's force on the tool and can release the tool."""
-    at_contact = effect.only_in_contact and effect.acts == "adds_force"
-    material = effect.stage == "material" or effect.family == "friction"
-    return at_contact and material and effect.family != "adhesion"
+    """Return whether a body exerts the effect's force on the tool and can release the tool.
+
+    Friction between them is such a force, too: it ends with the contact.
+    """
+    exerted = effect.stage == "material" or effect.family == "friction"
+    in_contact = effect.only_in_contact and effect.acts == "adds_force"
+    return exerted and in_contact and effect.family != "adhesion"
 
 
 def _deforms(effect: Effect) -> bool:
