@@ -10,7 +10,7 @@ from offline_tables import press, write_csv
 from rich.console import Console
 from scipy.io import savemat
 
-from teleop_rt.config.shown_unit import reached_by
+from teleop_rt.config.parameter_words import reached_by
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.diagnosis.models.base import MODELS, TERMS
 from teleop_rt.extras import install_command

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from teleop_rt.config.shown_unit import shown_unit
+from teleop_rt.config.parameter_words import shown_unit
 
 
 @dataclass(frozen=True, slots=True, repr=False)

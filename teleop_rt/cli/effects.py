@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from teleop_rt.config.shown_unit import shown_unit
+from teleop_rt.config.parameter_words import shown_unit
 from teleop_rt.errors import ExpectedError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.config.shown_unit import reached_by
+from teleop_rt.config.parameter_words import reached_by
 from teleop_rt.contact.effect import Vector
 from teleop_rt.estimation.layout import STATUS_NAMES, WARMING_UP
 from teleop_rt.estimation.pipeline import Pipeline

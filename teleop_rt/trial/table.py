@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from teleop_rt.config.parameter_words import at_depth_in_words, beside, doubt_of, shown_unit
 from teleop_rt.config.section import Units
-from teleop_rt.config.shown_unit import at_depth_in_words, beside, doubt_of, shown_unit
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.metrics import in_percent
 from teleop_rt.trial.felt_lines import (

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from teleop_rt.config.parameter_words import at_depth_in_words, shown_unit
 from teleop_rt.config.section import Units
-from teleop_rt.config.shown_unit import at_depth_in_words, shown_unit
 from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.models import MODELS
 from teleop_rt.metrics import in_percent

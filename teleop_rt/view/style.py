@@ -10,7 +10,7 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Literal
 
-from teleop_rt.config.shown_unit import at_depth_in_words, beside, doubt_of, shown_unit
+from teleop_rt.config.parameter_words import at_depth_in_words, beside, doubt_of, shown_unit
 from teleop_rt.estimation.rows import FROZEN_LABEL
 from teleop_rt.trial.grades import MARKS
 

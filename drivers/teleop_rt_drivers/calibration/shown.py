@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from teleop_rt.config.parameter_words import shown_unit
 from teleop_rt.config.section import Units
-from teleop_rt.config.shown_unit import shown_unit
 
 WORDS = {
     "factor": ("correction factor for the scale in the file", ""),

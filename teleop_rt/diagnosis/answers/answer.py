@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.config.shown_unit import reached_by
+from teleop_rt.config.parameter_words import reached_by
 from teleop_rt.contact.effect import Effect, Matrix
 from teleop_rt.diagnosis.answers.shares import shares_of_members
 from teleop_rt.diagnosis.inference.one_more import without

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_rt.config.shown_unit import reached_by
+from teleop_rt.config.parameter_words import reached_by
 from teleop_rt.contact.effect import Effect, Matrix, Shape, Vector
 from teleop_rt.diagnosis.answers.answer import deepest, fill
 from teleop_rt.diagnosis.criteria import (
