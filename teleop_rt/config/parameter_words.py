@@ -13,6 +13,19 @@ _POWER_OF_DEPTH = re.compile(
 )
 """Unit of a size that a power of the depth multiplies: N/m^n, or N s/m^(n+1)."""
 
+NO_DEVIATION = "± –: no deviation; an algebraic regression sums up the noise, which colours it"
+"""Why a row of an algebraic regression has no standard deviations."""
+
+
+def spread_in_words(std: float | None, regression: str) -> str:
+    """Return ` ± 0.45` of a deviation with two digits, empty where none is known.
+
+    A row of an algebraic regression never has one: a dash stands in its place.
+    """
+    if std is None:
+        return " ± –" if regression == "algebraic" else ""
+    return f" ± {float(f'{std:.2g}'):g}"
+
 
 def shown_unit(unit: str) -> str:
     """Return the name by which people know a unit of the files."""

@@ -9,7 +9,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from teleop_rt.config.parameter_words import at_depth_in_words, beside, doubt_of, shown_unit
+from teleop_rt.config.parameter_words import (
+    NO_DEVIATION,
+    at_depth_in_words,
+    beside,
+    doubt_of,
+    shown_unit,
+    spread_in_words,
+)
 from teleop_rt.config.section import Units
 from teleop_rt.estimation.report import KEYS, UNCERTAIN
 from teleop_rt.metrics import in_percent
@@ -91,12 +98,13 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         yield f"{mark} {name}: {status}, NRMSE {nrmse}, {settled}"
         for parameter, value in row["parameters"].items():
             if value["value"] is not None:
-                yield f"      {_parameter(parameter, value)}"
+                yield f"      {_parameter(parameter, value, row['regression'])}"
+    if any(row["regression"] == "algebraic" for row in summary["estimators"]):
+        yield f"  {NO_DEVIATION}"
 
 
-def _parameter(name: str, parameter: Mapping[str, Any]) -> str:
-    std = parameter["std"]
-    spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
+def _parameter(name: str, parameter: Mapping[str, Any], regression: str) -> str:
+    spread = spread_in_words(parameter["std"], regression)
     note = beside(at_depth_in_words(parameter)) + beside(doubt_of(parameter))
     unit = "" if parameter["unit"] == "1" else f" {shown_unit(parameter['unit'])}"
     return f"{name} = {shown(parameter['value'], '', 5)}{spread}{unit}{note}"

@@ -120,7 +120,8 @@ def _model(run: Run, grade: Grade) -> Tile:
     if chosen is None:
         reason = summary["contact"].get("reason", "no contact")
         return Tile("Model", "attention", "none selected", (reason,))
-    lines = tuple(parameter(name, content) for name, content in chosen["parameters"].items())
+    values = chosen["parameters"].items()
+    lines = tuple(parameter(name, one, chosen["regression"]) for name, one in values)
     if (nrmse := selected_nrmse(summary)) is not None:
         lines += (f"misses the force by {in_percent(nrmse)} of its range",)
     met = summary["contact"].get("worst")

@@ -10,11 +10,18 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Literal
 
-from teleop_rt.config.parameter_words import at_depth_in_words, beside, doubt_of, shown_unit
+from teleop_rt.config.parameter_words import (
+    NO_DEVIATION,
+    at_depth_in_words,
+    beside,
+    doubt_of,
+    shown_unit,
+    spread_in_words,
+)
 from teleop_rt.estimation.rows import FROZEN_LABEL
 from teleop_rt.trial.grades import MARKS
 
-__all__ = ["MARKS", "shown_unit"]
+__all__ = ["MARKS", "NO_DEVIATION", "shown_unit"]
 Style = Literal["solid", "dashed", "dotted", "dotdash"]
 
 # Okabe and Ito 2008, and a line style each: curves must be distinguishable in grey, too.
@@ -224,15 +231,18 @@ def printed(unit: str) -> str:
     return _EXPONENT.sub(lambda found: (found[1] or found[2]).translate(_RAISED), unit)
 
 
-def parameter(name: str, content: Any) -> str:
-    """Return `k = 3600.3 ± 0.45 N/m` of a parameter as in summary.json."""
+def parameter(name: str, content: Any, regression: str = "direct") -> str:
+    """Return `k = 3600.3 ± 0.45 N/m` of a parameter as in summary.json.
+
+    An algebraic regression gives no deviation: a dash stands in its place.
+    """
     if content["value"] is None:
         return f"{name} –"
     if _undetermined(name, content["value"], content["std"]):
         return f"{name}: not determined"
     reached, content = printed(at_depth_in_words(content)), in_shown_unit(content)
     std = content["std"]
-    spread = "" if std is None else f" ± {float(f'{std:.2g}'):g}"
+    spread = spread_in_words(std, regression)
     unit = "" if content["unit"] in {"1", "-"} else f" {printed(content['unit'])}"
     note = beside(reached) + beside(doubt_of(content) or content.get("note", ""))
     return f"{name} = {_as_sure(content['value'], std):.5g}{spread}{unit}{note}"

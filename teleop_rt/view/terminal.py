@@ -140,5 +140,6 @@ def _parameters(feed: Feed, about: About) -> str:
         if f"{name}_std" in last and name != "offset" and np.isfinite(value):
             std = last[f"{name}_std"]
             content = {"value": value, "std": std if np.isfinite(std) else None}
-            parts.append(parameter(name, content | {"unit": parameter_unit(model, name, *units)}))
+            content |= {"unit": parameter_unit(model, name, *units)}
+            parts.append(parameter(name, content, regression))
     return ", ".join([model_name(model), *parts])

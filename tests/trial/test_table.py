@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from teleop_rt.config.parameter_words import NO_DEVIATION
 from teleop_rt.config.section import Units
 from teleop_rt.trial.felt_lines import felt_lines, step_in_words
 from teleop_rt.trial.summary import adequacy_of
@@ -53,6 +54,17 @@ def test_a_model_is_adequate_only_if_it_was_in_use_long_enough(changed_at, inade
 def test_a_felt_force_that_was_not_judged_has_words_and_no_dash(lag_ms, direct_ms, said):
     master = {"nrmse": None, "lag_ms": lag_ms, "direct_reflection_lag_ms": direct_ms}
     assert dict(felt_lines(master)) == {"felt force: NRMSE": "not judged", "felt force: lag": said}
+
+
+def test_an_algebraic_estimator_has_a_dash_for_its_deviation_and_the_reason_once():
+    one = summary(0.01, ADEQUATE)
+    (row,) = one["estimators"]
+    row["parameters"] = {"m": {"value": 0.3, "std": None, "unit": "N s^2/m"}}
+    assert list(estimator_lines(one))[1:] == ["      m = 0.3 kg"]
+    one["estimators"] = 2 * [row | {"regression": "algebraic"}]
+    _, first, _, second, reason = estimator_lines(one)
+    assert first == second == "      m = 0.3 ± – kg"
+    assert reason == f"  {NO_DEVIATION}"
 
 
 def test_an_estimator_that_did_not_settle_has_words_and_no_dash():

@@ -21,6 +21,7 @@ from schema_checks import violations
 from teleop_rt.cli import main
 from teleop_rt.cli.schema import SchemaName
 from teleop_rt.cli.wiring import load_trial_file
+from teleop_rt.config.parameter_words import NO_DEVIATION
 from teleop_rt.config.section import Units
 from teleop_rt.diagnosis.answers.notes import STEPS_OF_MOTION
 from teleop_rt.realtime.alarms import of_recorder
@@ -430,6 +431,22 @@ def test_the_first_screen_shows_what_the_recorder_lost_and_why(good, tmp_path):
     screen = first_screen(folder)
     for words in ("12 rows were not recorded", reported["alarm"], "ended unexpectedly once"):
         assert words in screen
+
+
+@pytest.mark.usefixtures("no_charts")
+def test_an_algebraic_estimator_shows_a_dash_for_its_deviation_and_why(good, tmp_path):
+    summary = json.loads((good / "summary.json").read_text())
+    assert NO_DEVIATION not in (good / "report.html").read_text()
+    chosen = next(row for row in summary["estimators"] if row["model"] == "kelvin-voigt")
+    chosen["regression"] = "algebraic"
+    for one in chosen["parameters"].values():
+        one["std"] = None
+    folder = tmp_path / "run"
+    shutil.copytree(good, folder)
+    report_of_run(folder, {**summary, "selected": chosen}, felt_of)
+    page = (folder / "report.html").read_text()
+    assert page.count(NO_DEVIATION) == 1
+    assert len(re.findall(r"k = [\d.]+ ± – N/m", page)) == 2  # first screen and table
 
 
 @pytest.mark.parametrize(("note", "headline"), [
