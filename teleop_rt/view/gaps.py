@@ -13,6 +13,8 @@ from teleop_rt.view.charts import TIME, Chart, Curve
 Array = NDArray[np.float64]
 _SPACINGS = 5.0
 """Times the usual spacing of rows: a shorter gap, as of a late tick, is no wider than a line."""
+_OF_SAMPLES = ("force", "filtered_force", "predicted_force", "position")
+"""Columns of the slave that keep their last value while no valid sample comes."""
 _FEWEST = 8
 """Spacings from which on the usual one is known."""
 _MOST = 100
@@ -55,6 +57,21 @@ def usual_spacing(spacings: Sequence[float] | Array) -> float:
 def gaps(times: Array, spacing: float) -> NDArray[np.intp]:
     """Return the rows of times (n,) before which a gap lies."""
     return np.flatnonzero(np.diff(times) > _SPACINGS * spacing) + 1
+
+
+def without_held(slave: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return the slave's rows with NaN for values that were held while samples were lost.
+
+    Fewer rows than are a gap keep them: of every second sample lost no line would be left.
+    """
+    if "valid" not in slave:
+        return slave
+    edges = np.diff((slave["valid"] <= 0.0).astype(np.int8), prepend=0, append=0)
+    held = np.zeros(slave["valid"].size, dtype=bool)
+    for begin, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+        held[begin:end] = end - begin > _SPACINGS
+    names = [name for name in _OF_SAMPLES if name in slave]
+    return {**slave, **{name: np.where(held, np.nan, slave[name]) for name in names}}
 
 
 class Breaker:

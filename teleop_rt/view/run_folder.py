@@ -22,6 +22,7 @@ from teleop_rt.trial.felt_force import SIGNALS as FELT_SIGNALS
 from teleop_rt.trial.felt_force import Felt
 from teleop_rt.trial.folder import LOG, RECORDING, TRIAL, recording_of
 from teleop_rt.trial.grades import WHOLE_S
+from teleop_rt.view.gaps import without_held
 
 TOPICS = ("/slave", "/master", "/estimates/")
 MOST_ROWS = {"/slave": 600_000, "/master": 600_000, "/estimates/": 60_000}
@@ -39,6 +40,7 @@ _SIGNALS = {
         "tick",
         "state",
         "fault",
+        "valid",
         "force",
         "filtered_force",
         "predicted_force",
@@ -209,12 +211,12 @@ def load_run(
 ) -> Run:
     """Return a run folder with its summary and its recorded topics. Raises RecordingError.
 
-    `felt_of` is asked for the felt force where every tick was read.
+    `felt_of` is asked for the felt force where every tick was read. Values that the slave held
+    while samples were lost are not-a-number.
     """
     run = Run(folder, read_trial(folder), summary, topics, read_events(folder / LOG))
-    if run.step > 1 or not run.master:
-        return run
-    return replace(run, felt=felt_of(folder, run.slave, run.master))
+    felt = None if run.step > 1 or not run.master else felt_of(folder, run.slave, run.master)
+    return replace(run, topics={**topics, "/slave": without_held(run.slave)}, felt=felt)
 
 
 def read_trial(folder: Path) -> Mapping[str, Any]:

@@ -140,6 +140,6 @@ def _parameters(feed: Feed, about: About) -> str:
         if f"{name}_std" in last and name != "offset" and np.isfinite(value):
             std = last[f"{name}_std"]
             content = {"value": value, "std": std if np.isfinite(std) else None}
-            content |= {"unit": parameter_unit(model, name, *units)}
-            parts.append(parameter(name, content, regression))
+            whole = content | {"unit": parameter_unit(model, name, *units)}
+            parts.append(parameter(name, whole, regression))
     return ", ".join([model_name(model), *parts])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from teleop_rt.view.charts import TIME, Chart, Curve, Panel
-from teleop_rt.view.gaps import broken_at_gaps
+from teleop_rt.view.gaps import broken_at_gaps, without_held
 from teleop_rt.view.glyphs import curve_sources
 from teleop_rt.view.html import figures_of
 from teleop_rt.view.live.feed import Feed
@@ -53,6 +53,19 @@ def test_the_gap_is_on_the_page_and_on_paper():
     assert np.isnan(source.data[column]).sum() == 1
     line = figure_of(made).axes[0].lines[0]
     assert np.isnan(line.get_ydata()).sum() == 1
+
+
+@pytest.mark.parametrize("lost", [20, 5])
+def test_values_held_while_samples_were_lost_are_a_gap_unless_it_is_short(lost):
+    valid = np.ones(100)
+    valid[40 : 40 + lost] = valid[61::2] = 0.0
+    force = np.arange(100.0)
+    rows = without_held({"valid": valid, "force": force, "target": force})
+    gone = np.isnan(rows["force"])
+    assert np.array_equal(np.flatnonzero(gone), 40 + np.arange(lost if lost > 5 else 0))
+    assert np.array_equal(rows["force"][~gone], force[~gone])
+    assert np.array_equal(rows["target"], force)
+    assert without_held({"force": force})["force"] is force  # of an older version
 
 
 class Rows:

@@ -49,7 +49,17 @@ from teleop_rt.view.charts import SWINGS, kept_rows, robust_limits
 from teleop_rt.view.compare import compared, different_keys
 from teleop_rt.view.delay import one_way_delays
 from teleop_rt.view.run_folder import load_run, read_recorded
-from teleop_rt.view.style import FELT, FILTERED, PREDICTED, RESIDUAL, TRUE_FORCE, parameter
+from teleop_rt.view.style import (
+    ASKED,
+    FELT,
+    FILTERED,
+    MEASURED,
+    PREDICTED,
+    RAW,
+    RESIDUAL,
+    TRUE_FORCE,
+    parameter,
+)
 
 
 def run_trial(folder, *changes):
@@ -199,6 +209,22 @@ def test_measured_and_predicted_force_are_shown_behind_the_same_filter(good):
     assert errors[0] > 1.0
     assert errors[1] < 0.2
     assert np.array_equal(filtered.y - predicted.y, run.residual, equal_nan=True)
+
+
+def test_force_and_position_that_were_held_while_samples_were_lost_are_not_drawn(good):
+    topics = dict(read_recorded(good))
+    valid = topics["/slave"]["valid"].copy()
+    lost = slice(4000, 4200)
+    valid[lost] = 0.0
+    topics["/slave"] = {**topics["/slave"], "valid": valid}
+    run = load_run(good, read_summary(good), topics, felt_of)
+    found = {chart.name: chart for chart in figures.charts(run, None, None)}
+    drawn = {c.label: c.y for name in ("force", "position") for c in found[name].curves}
+    for label in (RAW, FILTERED, PREDICTED, RESIDUAL, MEASURED):
+        assert np.isnan(drawn[label][lost]).all()
+    assert np.isfinite(drawn[MEASURED][:4000]).all()
+    assert np.isfinite(drawn[ASKED][lost]).all()
+    assert np.isfinite(run.felt.rendered).all()
 
 
 def test_the_force_opens_with_a_few_swings_of_the_last_long_contact(good):
