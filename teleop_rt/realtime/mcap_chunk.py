@@ -20,15 +20,16 @@ INDEX = struct.Struct("<HI")
 """Channel and bytes of an index, before its pairs of time and offset."""
 _PAIR_BYTES = 16
 """A message's time and offset in an index."""
-_KINDS = frozenset(int(kind) for kind in Opcode)
+KINDS = frozenset(int(kind) for kind in Opcode)
+"""Opcodes of the records that the format knows."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """A chunk whose content is damaged, between records that are not; times are the writer's."""
+    """A chunk, or records up to the next one, that are damaged; times are the writer's."""
 
     messages: int
-    """How many its indices count."""
+    """How many its indices count; 0 where there is no index."""
     first_ns: int
     last_ns: int
     after_s: float
@@ -60,7 +61,7 @@ def record_follows(stream: IO[bytes], size: int) -> bool:
     if len(head) < RECORD_HEAD.size:
         return False
     opcode, length = RECORD_HEAD.unpack(head)
-    return opcode in _KINDS and at + RECORD_HEAD.size + length <= size
+    return opcode in KINDS and at + RECORD_HEAD.size + length <= size
 
 
 def pairs_of(index: bytes) -> NDArray[np.uint64] | None:

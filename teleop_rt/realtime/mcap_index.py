@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema, Statistics
 from mcap.summary import Summary
 
 from teleop_rt.realtime.mcap_end import RECORD_HEAD, summary_place
-from teleop_rt.realtime.mcap_records import CUT_OFF
+from teleop_rt.realtime.mcap_unpack import CUT_OFF
 from teleop_rt.realtime.parts import parts
 
 

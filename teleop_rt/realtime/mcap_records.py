@@ -9,33 +9,32 @@ from __future__ import annotations
 
 import os
 import struct
-import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BytesIO
 from typing import IO, TYPE_CHECKING
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from teleop_rt.realtime.mcap_chunk import (
     CHUNK,
     INDEX,
+    KINDS,
     Unreadable,
-    counted,
     pairs_of,
     record_follows,
 )
 from teleop_rt.realtime.mcap_end import RECORD_HEAD, data_checksum_holds
+from teleop_rt.realtime.mcap_resumed import Walk, next_chunk
+from teleop_rt.realtime.mcap_unpack import CUT_OFF, packed_end, unpack_chunk
 
 if TYPE_CHECKING:
     from teleop_rt.realtime.chunk_kernel import MessageFinder
@@ -49,17 +48,13 @@ Places = dict[int, Place]
 _MESSAGE = struct.Struct("<HIQQ")
 _HEADS = struct.Struct("<BQHI")
 """The head of every record, and for a message also its channel and sequence."""
-_COUNT = struct.Struct("<Q")
 _HEADS_TYPE = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")]
 )
 """`_HEADS` for many records at once."""
-LONGEST_CHUNK = 64 << 20
-"""Bytes of an unpacked chunk; ours have a quarter of a megabyte, other writers' up to 4."""
 _BYTES_FOR_KERNEL = 64 << 20
 """Bytes of a file beyond which a kernel pays that finds messages in a tenth of the time, but loads
 for 0.5 s."""
-_AS_WE_PACK = b"zstd"
 _BEFORE_TEXT = RECORD_HEAD.size + _MESSAGE.size
 _A_MESSAGE = int(Opcode.MESSAGE)
 _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
@@ -67,11 +62,10 @@ _PLAIN: dict[int, Callable[[ReadDataStream], Other]] = {
     Opcode.CHANNEL: Channel.read,
     Opcode.METADATA: Metadata.read,
 }
-CUT_OFF = (
-    McapError, struct.error, zstandard.ZstdError, EOFError, ValueError, OverflowError, MemoryError,
-    LookupError, RuntimeError,
-)  # fmt: skip
-"""Exceptions on reading a file that ends within a record, or contains impossible sizes."""
+_NO_KIND = 0
+"""Opcode that the format leaves invalid: zeros in place of a record."""
+_FIRST_PRIVATE = 0x80
+"""Opcodes from here on are anybody's own."""
 
 
 @dataclass(slots=True)
@@ -93,46 +87,74 @@ def blocks(stream: IO[bytes], from_ns: float = 0.0) -> Iterator[Other | Messages
     """Give schemas, channels, messages and metadata in the order of the file, up to its index.
 
     Chunks whose messages are all stamped before `from_ns` are left out, with the channels that
-    they declare. A chunk with damaged content that another record follows is given as such. Where
+    they declare. A chunk with damaged content that another record follows is given as such, and
+    so are the records before the next whole chunk where a head or a length is damaged. Where
     the checksum of all data holds, those of the chunks are not computed: a fifth of the work.
     Raises EOFError where the file was cut off, and the library's errors for any other broken
-    record, or where the checksum of the file is wrong and no chunk is.
+    record that no whole chunk follows, or where the checksum of the file is wrong and no chunk is.
     """
     size = os.fstat(stream.fileno()).st_size
-    sound = data_checksum_holds(stream)
+    walk = Walk(data_checksum_holds(stream))
     stream.seek(len(MCAP0_MAGIC))
     decompressor = zstandard.ZstdDecompressor()
     finder = _finder(size)
-    begin_ns: int | None = None
-    damaged = False
+    while True:
+        try:
+            yield from _undamaged(stream, size, from_ns, walk, decompressor, finder)
+        except CUT_OFF:
+            place = stream.tell()
+            found = next_chunk(stream, walk.sure, size, decompressor)
+            if found is None:
+                stream.seek(place)
+                raise
+            yield from walk.lost_before(stream, found)
+            stream.seek(found)
+        else:
+            return
+
+
+def _undamaged(
+    stream: IO[bytes],
+    size: int,
+    from_ns: float,
+    walk: Walk,
+    decompressor: zstandard.ZstdDecompressor,
+    finder: MessageFinder | None,
+) -> Iterator[Other | Messages]:
+    """Give the records up to the index of the file, or raise where one is damaged; see `blocks`."""
     while True:
         head = stream.read(RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
             raise EOFError
         opcode, length = RECORD_HEAD.unpack(head)
-        if stream.tell() + length > size:
+        begin = stream.tell()
+        if opcode == _NO_KIND or begin + length > size:
             raise EOFError
         content = stream.read(length)
         if opcode == Opcode.DATA_END:
-            if sound is False and not damaged:
+            if walk.sound is False and not walk.damaged:
                 raise McapError("the checksum of the file is wrong")
             return
-        if opcode == Opcode.CHUNK and CHUNK.unpack_from(content)[1] >= from_ns:
+        if opcode == Opcode.CHUNK:
+            walk.sure = begin
+            if CHUNK.unpack_from(content)[1] < from_ns:
+                walk.sure += length if packed_end(content) == length else 0
+                continue
             indices = _read_indices(stream, size)
-            if begin_ns is None:
-                begin_ns = counted(content, indices)[1]
             try:
-                unpacked = unpack_chunk(content, decompressor, verify=not sound)
+                unpacked = unpack_chunk(content, decompressor, verify=not walk.sound)
             except CUT_OFF:
                 if not record_follows(stream, size):
                     raise
-                damaged = True
-                messages, first_ns, last_ns = counted(content, indices)
-                yield Unreadable(messages, first_ns, last_ns, 1e-9 * (first_ns - begin_ns))
+                yield walk.lost(content, indices)
                 continue
+            walk.sure = begin + packed_end(content)
+            walk.take(content, indices)
             yield from _found(unpacked, indices, finder)
         elif opcode in _PLAIN or opcode == Opcode.MESSAGE:
             yield from _walk(head + content)
+        elif walk.sound is False and opcode < _FIRST_PRIVATE and opcode not in KINDS:
+            raise McapError(f"no record has the opcode {opcode}")
 
 
 def _read_indices(stream: IO[bytes], size: int) -> list[bytes]:
@@ -146,50 +168,6 @@ def _read_indices(stream: IO[bytes], size: int) -> list[bytes]:
             stream.seek(at)
             return indices
         indices.append(stream.read(length))
-
-
-def unpack_chunk(
-    content: bytes, decompressor: zstandard.ZstdDecompressor, *, verify: bool = True
-) -> bytes:
-    """Return the records of a chunk; an error where it cannot be unpacked whole.
-
-    The size that a chunk states is believed only as far as its compression states the same:
-    a megabyte of zstd may hold terabytes. As we pack it, this is done here, with one decompressor
-    for all chunks, where the library makes one for each; other compressions are left to it. The
-    checksum of a chunk is not verified again in a file whose own checksum holds.
-    """
-    *_, size, checksum, letters = CHUNK.unpack_from(content)
-    if size > LONGEST_CHUNK:
-        raise McapError(f"a chunk of {size >> 20} MB")
-    packed_at = CHUNK.size + letters
-    if content[CHUNK.size : packed_at] != _AS_WE_PACK:
-        return _unpacked_otherwise(content)
-    (packed,) = _COUNT.unpack_from(content, packed_at)
-    first = packed_at + _COUNT.size
-    if first + packed > len(content):
-        raise EOFError
-    data = memoryview(content)[first : first + packed]
-    if zstandard.frame_content_size(data) not in (-1, size):  # -1 where the frame does not say
-        raise McapError("a chunk unpacks to another size than it states")
-    unpacked = decompressor.decompress(data, size)
-    if len(unpacked) != size:
-        raise McapError("a chunk unpacks to another size than it states")
-    if verify and checksum not in (0, zlib.crc32(unpacked)):  # 0 by those who wrote none
-        raise McapError("the checksum of a chunk is wrong")
-    return unpacked
-
-
-def _unpacked_otherwise(content: bytes) -> bytes:
-    """Return the records of a chunk that is packed by lz4, or not at all."""
-    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-    if chunk.compression == "lz4":
-        unpacking = lz4.frame.LZ4FrameDecompressor()
-        data = unpacking.decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
-        chunk = replace(chunk, compression="", data=data)
-    opened, size = get_chunk_data_stream(chunk, validate_crc=True)
-    if size != chunk.uncompressed_size:
-        raise McapError("a chunk unpacks to another size than it states")
-    return opened.read(size)
 
 
 def _finder(size: int) -> MessageFinder | None:

@@ -17,14 +17,8 @@ from teleop_rt.realtime.columns import Rows, TopicColumns
 from teleop_rt.realtime.mcap_chunk import Unreadable
 from teleop_rt.realtime.mcap_end import ends_whole
 from teleop_rt.realtime.mcap_index import count_messages, declared_channels
-from teleop_rt.realtime.mcap_records import (
-    CUT_OFF,
-    Messages,
-    Other,
-    Places,
-    Record,
-    blocks,
-)
+from teleop_rt.realtime.mcap_records import Messages, Other, Places, Record, blocks
+from teleop_rt.realtime.mcap_unpack import CUT_OFF
 from teleop_rt.realtime.parts import parts
 from teleop_rt.realtime.recording import LARGEST_SEQUENCE
 from teleop_rt.recordings.memory import most_bytes, refuse_more
@@ -161,12 +155,14 @@ def _say_unreadable(path: Path, lost: str) -> None:
 
 def in_words(lost: Sequence[Unreadable]) -> str:
     """Return how much cannot be read, at least one chunk, and of which times, as a sentence."""
-    messages = sum(one.messages for one in lost)
+    count = sum(one.messages for one in lost)
+    least = "" if all(one.messages for one in lost) else "at least "
+    messages = f"{least}{count} messages" if count else "an unknown number of messages"
     parts_lost = "1 part" if len(lost) == 1 else f"{len(lost)} parts"
     spans = ", ".join(f"{one.after_s:.3f} s to {one.until_s:.3f} s" for one in lost[:_MOST_NAMED])
     more = ", ..." if len(lost) > _MOST_NAMED else ""
     return (
-        f"{parts_lost} of the file with {messages} messages, of {spans}{more} after its beginning,"
+        f"{parts_lost} of the file with {messages}, of {spans}{more} after its beginning,"
         " cannot be read; all others are read"
     )
 

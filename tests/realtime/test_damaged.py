@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import zipfile
 from pathlib import Path
@@ -18,7 +19,7 @@ from teleop_rt.interrupts import StopRequest
 from teleop_rt.realtime import mcap_records
 from teleop_rt.realtime.export import recover
 from teleop_rt.realtime.mcap_chunk import Unreadable
-from teleop_rt.realtime.reading import read_metadata, read_records, read_topics
+from teleop_rt.realtime.reading import read_messages, read_metadata, read_records, read_topics
 from teleop_rt.realtime.recording import ONLINE, RecordingWriter
 from teleop_rt.recordings.layout import layout_of
 from teleop_rt.recordings.recording import load
@@ -71,16 +72,74 @@ def test_a_damaged_chunk_costs_its_own_rows_only_and_is_counted(tmp_path, capsys
     np.testing.assert_array_equal(again, found)
 
 
-def test_a_chunk_damaged_beside_a_record_that_is_none_ends_the_reading_as_before(tmp_path, capsys):
+def damaged_framing(data: bytearray, which: int, how: str) -> None:
+    """Damage the frame of a chunk: its length, its head, or its end with the head behind it."""
+    begin, end = contents_of(data, Opcode.CHUNK)[which]
+    if how == "longer":
+        data[begin - 6] += 4  # by 256 kB: it ends beyond the next chunk
+    elif how == "too long":
+        data[begin - 3] ^= 0xFF
+    elif how == "shorter":
+        data[begin - 6] = 0
+    elif how == "no opcode":
+        data[begin - 9] = 0x55
+    elif how == "no head":
+        data[begin - 9 : begin + 40] = bytes(range(100, 149))
+    elif how == "zeros":
+        data[begin - 9 : begin + 40] = bytes(49)
+    else:
+        data[(begin + end) // 2 : end + 9] = bytes(end + 9 - (begin + end) // 2)
+
+
+@pytest.mark.parametrize("which", [0, 3])
+@pytest.mark.parametrize(
+    "how", ["longer", "too long", "shorter", "no opcode", "no head", "zeros", "no end"]
+)
+def test_a_damaged_frame_costs_its_own_chunk_only_and_is_counted(tmp_path, capsys, how, which):
     path = tmp_path / "run.mcap"
     data = bytearray(recorded(path))
-    begin, end = contents_of(data, Opcode.CHUNK)[3]
-    data[(begin + end) // 2 : end + 9] = bytes(end + 9 - (begin + end) // 2)
+    whole = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
+    begin, _ = contents_of(data, Opcode.CHUNK)[which]
+    first, last = (int.from_bytes(data[at : at + 8], "little") for at in (begin, begin + 8))
+    damaged_framing(data, which, how)
     path.write_bytes(data)
-    stamps = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
-    np.testing.assert_array_equal(stamps, np.arange(stamps.size))
-    assert 0 < stamps.size < 3000
-    assert "damaged before byte" in capsys.readouterr().err
+    found = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
+    said = capsys.readouterr().err
+    if how == "longer":  # its content is whole, and so it ends where that does
+        np.testing.assert_array_equal(found, whole)
+        assert said == ""
+        return
+    kept = (whole < first) | (whole > last)
+    np.testing.assert_array_equal(found, whole[kept])
+    count = np.count_nonzero(~kept)
+    lost = "an unknown number of" if how == "no end" else f"{count}"
+    assert f"1 part of the file with {lost} messages" in said
+    assert count > 100
+    assert recover(path, tmp_path / "w.mcap") == found.size
+
+
+def test_a_damaged_frame_costs_no_later_chunk_of_a_file_without_an_end(tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    data = bytearray(recorded(path))
+    chunks = contents_of(data, Opcode.CHUNK)
+    damaged_framing(data, 3, "no head")
+    path.write_bytes(data[: chunks[-1][1] - 1000])
+    found = read_topics(path, [SLAVE_TOPIC])[SLAVE_TOPIC]["stamp_ns"]
+    lost = np.flatnonzero(np.diff(found) > 1.0)
+    assert lost.size == 1
+    assert found[-1] > 4000
+    gap = int(found[lost[0] + 1] - found[lost[0]]) - 1
+    assert f"1 part of the file with {gap} messages" in capsys.readouterr().err
+
+
+def test_chunks_of_before_are_left_out_of_a_file_with_a_damaged_frame_too(tmp_path):
+    path = tmp_path / "run.mcap"
+    data = bytearray(recorded(path))
+    damaged_framing(data, 3, "no head")
+    path.write_bytes(data)
+    found = [json.loads(text)["stamp_ns"] for _, text in read_messages(path, [SLAVE_TOPIC], 3000)]
+    assert found[0] == 3000
+    assert len(found) == 3000
 
 
 def test_a_flipped_bit_is_never_read_as_if_it_were_right(tmp_path, capsys):

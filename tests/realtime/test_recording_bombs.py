@@ -18,7 +18,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from teleop_rt.config.section import Units
 from teleop_rt.errors import RecordingError
-from teleop_rt.realtime.mcap_records import unpack_chunk
+from teleop_rt.realtime.mcap_unpack import unpack_chunk
 from teleop_rt.realtime.reading import read_topics
 from teleop_rt.realtime.recording import RecordingWriter
 from teleop_rt.recordings.memory import VARIABLE, most_bytes
