@@ -1,7 +1,8 @@
 """Ablation of diagnosis: the worth of each gate and each constant of the judgement.
 
     scripts/campaign ablate [--records N] [--seed S] [--groups G ...] [--gates NAME ...]
-        [--measured TEXT ...] [--keyed FOLDER ...] [--every N] [--jobs J] [--json]
+        [--constants [NAME ...]] [--measured TEXT ...] [--keyed FOLDER ...] [--every N]
+        [--jobs J] [--json]
 
 Each record is diagnosed as it is, and once more without each gate that did something there: a gate
 that does nothing changes nothing. Printed are for each gate
@@ -15,7 +16,9 @@ A right answer is worth more than an honest one, and that more than a wrong one.
 of `campaign diagnosis`, own and foreign, with --measured those of `campaign measured` (`all`, or
 texts in their names), and with --keyed every Nth one of `campaign keyed`. The constants of the
 judgement are halved and doubled, and the candidates of each record are judged again: `halved` and
-`doubled` count the records whose verdict or best set changes.
+`doubled` count the records whose verdict or best set changes. With --constants each record is
+diagnosed twice more for each constant outside the judgement, all of them unless some are named:
+`changed`, `saved` and `harmed` are as for gates.
 """
 
 from __future__ import annotations
@@ -45,6 +48,7 @@ from teleop_rt_dev.diagnosis.replaced import (
     instead,
     kept,
     modules,
+    scaled,
     watched,
 )
 from teleop_rt_dev.diagnosis.table import table, wrong
@@ -141,6 +145,18 @@ GATES: dict[str, tuple[str, Function]] = {
 _NEARLY_ONE = {"NAMED_SHARE", "POSTERIOR_MASS", "HIGHEST_PROBABILITY", "HIGHEST_BESIDE_UNKNOWN"}
 CONSTANTS = tuple(name for name in vars(criteria) if name.isupper() and name not in _NEARLY_ONE)
 """All but shares and probabilities that are nearly 1."""
+ELSEWHERE = (
+    "diagnosis.inference.one_more:EXTENDED", "diagnosis.inference.search:_LIKELY_EFFECTS",
+    "diagnosis.models.behind_joint:_LEAST_SPRING", "diagnosis.models.behind_joint:_RUNAWAY",
+    "diagnosis.noise.not_noise:_NORMAL_KURTOSIS", "diagnosis.noise.not_noise:_REPEATED",
+    "diagnosis.samples.held:_REPEATED", "diagnosis.samples.motion:_BAND",
+    "diagnosis.samples.motion:_TO_AND_FRO", "diagnosis.samples.preparation:_IMPACT_RATIO",
+    "diagnosis.samples.range_end:_MOVES_ON", "diagnosis.samples.smoothing:_NORMAL_KURTOSIS",
+    "diagnosis.samples.smoothing:_STEPS_POWER_RATIO", "recordings.resampling:_CLOSE",
+)  # fmt: skip
+"""Constants before the judgement, as `module:NAME`, that each diagnosis reads again. Those that a
+law or a kernel took up when it was made, as the ends of a range, do not change any more."""
+FACTORS = {"halved": 0.5, "doubled": 2.0}
 
 
 def again(calls: Sequence[Call]) -> list[tuple[str, list[str]]]:
@@ -177,8 +193,18 @@ def answered(case: Case) -> tuple[str, int]:
     return json.dumps([row["verdict"], row["class"]]), _WORTH.get(row["worth"], 0)
 
 
-def ablated(case: Case, gates: Sequence[str]) -> dict[str, Any]:
-    """Diagnose a record with all gates, and again without each that acted."""
+def again_with(case: Case, answer: str, worth: int) -> dict[str, Any]:
+    """Diagnose a record again; return whether answer and worth changed, and the time."""
+    begun = time.process_time()
+    other, still = answered(case)
+    return {
+        "changed": other != answer, "saved": worth > still,
+        "harmed": still > worth, "seconds": time.process_time() - begun,
+    }  # fmt: skip
+
+
+def ablated(case: Case, gates: Sequence[str], constants: Sequence[str] = ()) -> dict[str, Any]:
+    """Diagnose a record, again without each gate that acted, and by other constants."""
     acted: dict[str, list[bool]] = {gate: [] for gate in gates}
     calls: list[Call] = []
     begun = time.process_time()
@@ -194,17 +220,31 @@ def ablated(case: Case, gates: Sequence[str]) -> dict[str, Any]:
     found["constants"] = by_constants(calls)
     for gate in (gate for gate, flags in acted.items() if flags):
         path, without = GATES[gate]
-        begun = time.process_time()
         with instead(path, always(without)):
-            other, still = answered(case)
-        found["gates"][gate] = {
-            "changed": other != answer, "saved": worth > still,
-            "harmed": still > worth, "seconds": time.process_time() - begun,
-        }  # fmt: skip
+            found["gates"][gate] = again_with(case, answer, worth)
+    found["elsewhere"] = {name: {} for name in constants}
+    for name, tried in found["elsewhere"].items():
+        for how, factor in FACTORS.items():
+            with scaled(name, factor):
+                tried[how] = again_with(case, answer, worth)
     return found
 
 
-def show(rows: Sequence[dict[str, Any]], gates: Sequence[str]) -> str:
+def show_elsewhere(rows: Sequence[dict[str, Any]], constants: Sequence[str]) -> list[str]:
+    """Return the table of constants outside the judgement, in Markdown."""
+    counted = ("changed", "saved", "harmed")
+    lines = ["", "| constant elsewhere | factor | changed | saved | harmed |",
+             "| --- | --- | --- | --- | --- |"]  # fmt: skip
+    for name in constants:
+        for how in FACTORS:
+            counts = (sum(r["elsewhere"][name][how][key] for r in rows) for key in counted)
+            lines.append(f"| {name} | {how} | {' | '.join(map(str, counts))} |")
+    return lines if constants else []
+
+
+def show(
+    rows: Sequence[dict[str, Any]], gates: Sequence[str], constants: Sequence[str] = ()
+) -> str:
     """Return the tables as text, in Markdown."""
     right = sum(r["right"] for r in rows)
     lines = [f"{len(rows)} records, {right} answered rightly", "",
@@ -222,7 +262,7 @@ def show(rows: Sequence[dict[str, Any]], gates: Sequence[str]) -> str:
     for name in CONSTANTS:
         halved, doubled = (sum(r["constants"][name][i] for r in rows) for i in (0, 1))
         lines.append(f"| {name} = {getattr(criteria, name):g} | {halved} | {doubled} |")
-    return "\n".join(lines)
+    return "\n".join([*lines, *show_elsewhere(rows, constants)])
 
 
 def cases(
@@ -247,6 +287,13 @@ def cases(
               if entry["keys"] is not None)]  # fmt: skip
 
 
+def named(parts: Sequence[str] | None) -> list[str]:
+    """Return the constants whose names hold one of these; all for none, and none without a list."""
+    if parts is None:
+        return []
+    return [name for name in ELSEWHERE if not parts or any(part in name for part in parts)]
+
+
 def main(arguments: list[str]) -> int:
     """Run the campaign."""
     parser = argparse.ArgumentParser(
@@ -257,6 +304,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--groups", nargs="*", default=[], choices=sorted({g for g, *_ in GROUPS}))
     parser.add_argument("--gates", nargs="*", default=list(GATES), choices=list(GATES))
+    parser.add_argument("--constants", nargs="*", metavar="NAME",
+                        help="constants outside the judgement, by name or part of it")  # fmt: skip
     parser.add_argument("--measured", nargs="*", default=[], metavar="TEXT",
                         help="measured recordings whose names hold it, or all")  # fmt: skip
     parser.add_argument("--keyed", nargs="*", type=Path, default=[], metavar="FOLDER",
@@ -270,7 +319,8 @@ def main(arguments: list[str]) -> int:
         return 2
     tried = cases(chosen.records, chosen.seed, chosen.groups, chosen.measured, chosen.keyed,
                   chosen.every)  # fmt: skip
-    calls = (partial(ablated, case, chosen.gates) for case in tried)
+    constants = named(chosen.constants)
+    calls = (partial(ablated, case, chosen.gates, constants) for case in tried)
     rows = in_order("campaign ablate", calls, chosen.jobs)
-    print(json.dumps(rows) if chosen.json else show(rows, chosen.gates))
+    print(json.dumps(rows) if chosen.json else show(rows, chosen.gates, constants))
     return 0

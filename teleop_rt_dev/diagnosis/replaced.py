@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+import teleop_rt as library
 import teleop_rt.diagnosis as package
 
 Function = Callable[..., Any]
@@ -46,6 +47,21 @@ def instead(path: str, replacing: Callable[[Function], Function]) -> Iterator[No
     finally:
         for place in (owner, *others):
             setattr(place, name, function)
+        forget()
+
+
+@contextmanager
+def scaled(path: str, factor: float) -> Iterator[None]:
+    """Multiply the constant `module:NAME` of `teleop_rt` by a factor; a count stays whole."""
+    module, _, name = path.partition(":")
+    owner = importlib.import_module(f"{library.__name__}.{module}")
+    value = getattr(owner, name)
+    setattr(owner, name, round(factor * value) if isinstance(value, int) else factor * value)
+    forget()
+    try:
+        yield
+    finally:
+        setattr(owner, name, value)
         forget()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from typing import Any
 
@@ -63,6 +64,45 @@ def test_constants_are_tried_at_half_and_at_twice_and_put_back() -> None:
     assert set(seen) == {before, 0.5 * before, 2.0 * before}
     assert before == explanation.UNKNOWN_DIRECTIONS
     assert not any(flag for flags in changed.values() for flag in flags)
+
+
+@pytest.mark.parametrize("name", campaign.ELSEWHERE)
+def test_a_constant_outside_the_judgement_is_halved_and_doubled_and_put_back(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """A diagnosis reads it again: its module's own functions read it, and no kernel does."""
+    module, _, constant = name.partition(":")
+    owner = importlib.import_module(f"teleop_rt.{module}")
+    before, seen = getattr(owner, constant), []
+
+    def answered(_case: Any) -> tuple[str, int]:
+        seen.append(getattr(owner, constant))
+        return str(seen[-1]), 0
+
+    monkeypatch.setattr(campaign, "answered", answered)
+    found = campaign.ablated(("drawn", {}), [], [name])
+    assert seen == [before, *(type(before)(round(f * before, 9)) for f in (0.5, 2.0))]
+    assert [one["changed"] for one in found["elsewhere"][name].values()] == [True, True]
+    assert getattr(owner, constant) == before
+    readers = [f for f in vars(owner).values() if constant in names_in(f)]
+    assert readers
+    assert not any(hasattr(reader, "py_func") for reader in readers)
+    assert campaign.show([found], [], [name]).count(f"| {name} |") == 2
+
+
+def names_in(function: Any) -> tuple[str, ...]:
+    """Return the names of the module that a function reads, compiled or not."""
+    plain = getattr(function, "py_func", function)
+    code = getattr(plain, "__code__", None)
+    return () if code is None else code.co_names
+
+
+def test_constants_outside_the_judgement_are_tried_only_on_request() -> None:
+    assert campaign.named(None) == []
+    assert campaign.named([]) == list(campaign.ELSEWHERE)
+    assert campaign.named(["EXTENDED", "held:"]) == [
+        "diagnosis.inference.one_more:EXTENDED", "diagnosis.samples.held:_REPEATED",
+    ]  # fmt: skip
 
 
 def test_a_window_that_is_remembered_does_not_hide_that_its_gate_is_left_out() -> None:

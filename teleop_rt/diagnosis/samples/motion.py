@@ -130,7 +130,7 @@ def _moves(x: Vector, v: Vector, dt: float, half: int, noise: float) -> Vector |
     the tool already moves on, further than a friction may need to slide. None without a rest.
     """
     within = np.zeros(x.size, dtype=np.bool_)
-    _find_rests(x, np.abs(v) * dt, _BAND * noise, within)
+    _find_rests(x, np.abs(v) * dt, _BAND * noise, _TO_AND_FRO, within)
     moves = np.ones(x.size)
     for first, past in stretches(within):
         row = x[first:past]
@@ -141,12 +141,12 @@ def _moves(x: Vector, v: Vector, dt: float, half: int, noise: float) -> Vector |
 
 
 @kernel
-def _find_rests(x: Vector, way: Vector, band: float, out: NDArray[np.bool_]) -> None:
+def _find_rests(x: Vector, way: Vector, band: float, ratio: float, out: NDArray[np.bool_]) -> None:
     first, low, high, moved = 0, x[0], x[0], 0.0
     for i in range(1, x.size + 1):
         here = x[min(i, x.size - 1)]
         if i == x.size or max(high, here) - min(low, here) > band:
-            out[first:i] = moved > _TO_AND_FRO * (high - low)
+            out[first:i] = moved > ratio * (high - low)
             first, low, high, moved = i, here, here, 0.0
         else:
             low, high, moved = min(low, here), max(high, here), moved + way[i]
