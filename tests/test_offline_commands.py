@@ -375,6 +375,31 @@ def test_the_set_that_predicts_best_is_said_once():
     assert "note: another note" in said
 
 
+def test_a_diagnosis_prints_one_dash_for_each_value_that_is_missing():
+    nothing = {"value": None, "std": None, "unit": "N"}
+    answer = {
+        "recording": "a.csv",
+        "verdict": "named",
+        "base": {"model": "kelvin-voigt", "parameters": {"k": nothing}},
+        "effects": [{"name": "bias", "belongs_to": "sensor", "template": "A bias of {size}.",
+                     "parameters": {"size": nothing}}],
+        "probability": {},
+        "class": [],
+        "predictor": [],
+        "error": {"on": "blocks", "before": None, "after": float("nan"), "noise_floor": 0.01},
+        "notes": [],
+        "gaps": {"samples": 0, "count": 0},
+        "detectable": [],
+    } | dict.fromkeys(("nearest", "dependence", "draft", "experiment"))  # fmt: skip
+    console = Console(file=io.StringIO(), width=200)
+    print_diagnosis(console, answer)
+    _, base, effect, sentence, errors = console.file.getvalue().splitlines()
+    assert base == "  kelvin-voigt (base): k –"
+    assert effect == "  bias (sensor): size –"
+    assert sentence == "    A bias of –."
+    assert errors == "  NRMSE on blocks: before –, after –, noise floor 0.01"
+
+
 def test_an_open_answer_bounds_the_noise_and_compares_its_draft():
     error = {"on": "blocks", "before": 0.2, "after": 0.02, "noise_floor": 0.01}
     answer = {

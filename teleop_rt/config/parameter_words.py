@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -25,6 +26,11 @@ def spread_in_words(std: float | None, regression: str) -> str:
     if std is None:
         return " ± –" if regression == "algebraic" else ""
     return f" ± {float(f'{std:.2g}'):g}"
+
+
+def known(value: float | None) -> bool:
+    """Return whether there is a value: a dash is shown for none, and for not-a-number."""
+    return value is not None and not math.isnan(value)
 
 
 def shown_unit(unit: str) -> str:

@@ -39,6 +39,7 @@ from teleop_rt.trial.folder import (
 from teleop_rt.view.console import output
 from teleop_rt.view.quantities import SMALL, small
 from teleop_rt.view.run_folder import FeltOf
+from teleop_rt.view.style import number
 
 Clock = Literal["real", "simulated"]
 LoadTrial = Callable[[Path, list[str]], TrialConfig]
@@ -218,14 +219,10 @@ def _show(console: Console, answer: Mapping[str, Any], folder: Path | None) -> N
             ("slave, force predicted on-line", fresh["slave"]["on_line"]),
             ("master, force felt", fresh["master"]),
         ):
-            before, after = (_number(error[key]) for key in ("before", "after"))
+            before, after = (number(error[key]) for key in ("before", "after"))
             if error["before"] is not None or error["after"] is not None:
                 console.print(f"  {words}: NRMSE before {before}, after {after}", highlight=False)
             elif error.get("reason"):
                 console.print(f"  {words}: {error['reason']}", highlight=False)
     if folder is not None:
         console.print(f"files in {folder}", highlight=False)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"

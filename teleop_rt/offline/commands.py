@@ -25,7 +25,7 @@ from teleop_rt.offline.work import Diagnosing, Replaying
 from teleop_rt.offline.write import report_missing_page
 from teleop_rt.trial.table import estimator_lines
 from teleop_rt.view.quantities import size_seen
-from teleop_rt.view.style import effect_in_words, parameter
+from teleop_rt.view.style import effect_in_words, number, parameter
 
 _ORDER = "; estimators: selected on-line (*), then identified, then the others, each by NRMSE"
 _SAID_OF_PREDICTOR = "the errors are those of the set that predicts best: "
@@ -91,11 +91,7 @@ def print_replay(console: Console, answer: dict[str, Any], *, every: bool) -> No
 def print_effects(console: Console, answer: Mapping[str, Any]) -> None:
     """Print the effects that a diagnosis found, with their parameters, and the class."""
     for effect in answer["effects"]:
-        values = ", ".join(
-            parameter(name, value)
-            for name, value in effect["parameters"].items()
-            if value["value"] is not None
-        )
+        values = ", ".join(parameter(name, one) for name, one in effect["parameters"].items())
         text = f"  {effect['name']} ({effect['belongs_to']}): {values}"
         console.print(text, highlight=False, soft_wrap=True)
         words = f"    {effect_in_words(effect)}{_evidence(effect, answer['probability'])}"
@@ -120,7 +116,7 @@ def print_draft(console: Console, answer: Mapping[str, Any]) -> None:
     if draft is None:
         return
     error = draft["error"]
-    before, after = _share(error["before"]), _share(error["after"])
+    before, after = number(error["before"]), number(error["after"])
     worse = ", worse than the set of effects above" if predicts_worse(answer) else ""
     console.print(
         f"  drafted law: {'; '.join(draft['terms'])}: NRMSE on {error['on']}: before {before},"
@@ -153,8 +149,8 @@ def print_diagnosis(console: Console, answer: dict[str, Any]) -> None:
             say(f"  note: {note}")
     for name, entry in answer.get("instruments", {"parameters": {}})["parameters"].items():
         say(
-            f"  {name} by instruments from the reference: {_share(entry['value'])} {entry['unit']},"
-            f" by least squares {_share(entry['least_squares'])}"
+            f"  {name} by instruments from the reference: {number(entry['value'])} {entry['unit']},"
+            f" by least squares {number(entry['least_squares'])}"
         )
     seen = [
         f"{one['name'].replace('_', ' ')} {size_seen(one, base['parameters'])}"
@@ -184,14 +180,14 @@ def _print_errors(say: Callable[[str], None], answer: dict[str, Any]) -> None:
         best = "chosen to predict" if is_beaten(answer) else "predicts best with"
         best = "no set predicts better than the base; the nearest" if worse else best
         say(f"  {best}: {' + '.join(answer['predictor'])}; these are its errors")
-    before, after, floor = (_share(error[key]) for key in ("before", "after", "noise_floor"))
+    before, after, floor = (number(error[key]) for key in ("before", "after", "noise_floor"))
     bound = "at most " if answer["verdict"] in INCONCLUSIVE else ""
     say(f"  NRMSE on {error['on']}: before {before}, after {after}, noise floor {bound}{floor}")
     if (nearest := answer["nearest"]) is not None:
         say(
             f"  nearest: {' + '.join(nearest['effects'])}, of the family {nearest['family']},"
             f" explains {100.0 * nearest['share']:.0f} % of the base's residual: NRMSE before"
-            f" {_share(nearest['before'])}, after {_share(nearest['after'])}"
+            f" {number(nearest['before'])}, after {number(nearest['after'])}"
         )
     if answer["dependence"] is not None:
         parts = sorted(answer["dependence"].items(), key=lambda item: -item[1])
@@ -205,10 +201,6 @@ def _in_two_columns(texts: Sequence[str]) -> Iterator[str]:
     width = max(map(len, texts[:rows]))
     for left, right in zip_longest(texts[:rows], texts[rows:], fillvalue=""):
         yield f"{left:{width}}   {right}".rstrip()
-
-
-def _share(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
 
 
 def _counted(number: int, thing: str) -> str:

@@ -14,6 +14,7 @@ from teleop_rt.config.parameter_words import (
     at_depth_in_words,
     beside,
     doubt_of,
+    known,
     shown_unit,
     spread_in_words,
 )
@@ -97,8 +98,10 @@ def estimator_lines(summary: Mapping[str, Any]) -> Iterator[str]:
         status = row["status"] + (SURFACE_ANEW if row["status"] == UNCERTAIN else "")
         yield f"{mark} {name}: {status}, NRMSE {nrmse}, {settled}"
         for parameter, value in row["parameters"].items():
-            if value["value"] is not None:
+            if known(value["value"]):
                 yield f"      {_parameter(parameter, value, row['regression'])}"
+        if unknown := [n for n, value in row["parameters"].items() if not known(value["value"])]:
+            yield f"      {', '.join(unknown)} –"
     if any(row["regression"] == "algebraic" for row in summary["estimators"]):
         yield f"  {NO_DEVIATION}"
 

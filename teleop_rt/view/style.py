@@ -15,6 +15,7 @@ from teleop_rt.config.parameter_words import (
     at_depth_in_words,
     beside,
     doubt_of,
+    known,
     shown_unit,
     spread_in_words,
 )
@@ -164,14 +165,14 @@ def method_name(regression: str, solver: str) -> str:
 
 def number(value: Any, digits: int = 4) -> str:
     """Return a number as a page shows it; a dash where there is none."""
-    if value is None:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
 def with_unit(value: float | None, unit: str, digits: int = 4) -> str:
     """Return a number with its unit; a dash where there is none."""
-    if value is None:
+    if not known(value):
         return "–"
     return number(value, digits) if unit == "1" else f"{number(value, digits)} {unit}"
 
@@ -236,7 +237,7 @@ def parameter(name: str, content: Any, regression: str = "direct") -> str:
 
     An algebraic regression gives no deviation: a dash stands in its place.
     """
-    if content["value"] is None:
+    if not known(content["value"]):
         return f"{name} –"
     if _undetermined(name, content["value"], content["std"]):
         return f"{name}: not determined"
@@ -275,7 +276,7 @@ def effect_in_words(effect: Mapping[str, Any]) -> str:
     shown = {key: in_shown_unit(p) for key, p in effect["parameters"].items()}
     figures = {
         f"{sign}{key}": "–"
-        if p["value"] is None
+        if not known(p["value"])
         else f"{factor * p['value']:.4g} {printed(p['unit'])}".removesuffix(" 1")
         for key, p in shown.items()
         for sign, factor in (("", 1.0), ("-", -1.0))

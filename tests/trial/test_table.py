@@ -67,6 +67,17 @@ def test_an_algebraic_estimator_has_a_dash_for_its_deviation_and_the_reason_once
     assert reason == f"  {NO_DEVIATION}"
 
 
+@pytest.mark.parametrize("gone", [None, float("nan")])
+def test_a_parameter_without_a_value_has_a_dash_and_no_line_is_left_out(gone):
+    one = summary(0.01, ADEQUATE)
+    known = {"value": 3600.0, "std": None, "unit": "N/m"}
+    unknown = {"value": gone, "std": None, "unit": "N s/m"}
+    one["estimators"][0]["parameters"] = {"k": known, "b": unknown}
+    assert list(estimator_lines(one))[1:] == ["      k = 3600 N/m", "      b –"]
+    one["estimators"][0]["parameters"] = {"k": unknown, "b": unknown}
+    assert list(estimator_lines(one))[1:] == ["      k, b –"]
+
+
 def test_an_estimator_that_did_not_settle_has_words_and_no_dash():
     unsettled = summary(0.01, ADEQUATE)
     unsettled["estimators"][0]["convergence_s"] = None

@@ -5,7 +5,14 @@ import pytest
 from teleop_rt.view import diagnosis_page
 from teleop_rt.view.quantities import parameter_unit, small_position
 from teleop_rt.view.run_folder import selected_row
-from teleop_rt.view.style import effect_in_words, method_name, parameter, printed
+from teleop_rt.view.style import (
+    effect_in_words,
+    method_name,
+    number,
+    parameter,
+    printed,
+    with_unit,
+)
 
 
 @pytest.mark.parametrize(
@@ -94,11 +101,19 @@ def test_a_length_among_the_parameters_is_shown_in_mm_and_an_angle_as_it_is():
         (5e6, "N/m^3", "5e+06 N/m³"),  # a body of some mm: as the reference writes it
         (2e-7, "Nm/rad", "2e-07 Nm/rad"),
         (0.0, "m", "0 mm"),
-        (float("nan"), "N", "nan N"),
     ],
 )
 def test_a_parameter_of_a_micro_body_is_shown_in_the_unit_of_its_size(value, unit, shown):
     assert parameter("p", {"value": value, "std": None, "unit": unit}) == f"p = {shown}"
+
+
+@pytest.mark.parametrize("gone", [None, float("nan")])
+def test_a_value_that_is_missing_or_no_number_is_a_dash(gone):
+    assert parameter("k", {"value": gone, "std": None, "unit": "N/m"}) == "k –"
+    assert number(gone) == "–"
+    assert with_unit(gone, "ms") == "–"
+    lost = {"depth": {"value": gone, "std": None, "unit": "m"}}
+    assert effect_in_words({"parameters": lost, "template": "At {depth}."}) == "At –."
 
 
 def test_the_sentence_of_an_effect_has_the_units_of_its_parameters():
