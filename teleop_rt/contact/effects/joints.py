@@ -201,6 +201,15 @@ EFFECTS = (
         sentence="A body that is held has a play of {gap} about {centre}.",
         state_size=0,
     ),
+    # Here the damping is the drive's own; in the laws above it is the tip's.
+    replace(
+        _PLAY,
+        law=f"{WITHOUT_CONTACT}, before the spring",
+        amplitude=Amplitude("spring_stiffness", "{f}/{x}", nonnegative=True),
+        sentence="A play of {gap} lies between the drive and a spring of {spring_stiffness}.",
+        acts="adds_force",
+        compensation="subtract_force",
+    ),
     # Where a friction lies beyond the play, the play opens at no force, not at one place.
     replace(
         _PLAY,
