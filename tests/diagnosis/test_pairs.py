@@ -123,7 +123,11 @@ def test_a_small_friction_with_a_peak_is_named_beside_a_large_stiffening(
 
 
 def test_a_ripple_is_named_beside_a_lag_of_a_thousand_times_its_energy() -> None:
-    """It passes the lag as well; the lag alone left 4.5 times the noise."""
+    """It passes the lag as well; the lag alone left 4.5 times the noise.
+
+    The recording begins while the channel follows a motion: at rest at its start, the simulated
+    lag left 16 times the noise in the first second.
+    """
     t = np.arange(2700, dtype=np.float64) * 1e-2
     x = sum(size * np.sin(2.0 * np.pi * hertz * t + phase) for size, hertz, phase in (
         (6e-4, 0.21, 0.0), (3e-4, 0.63, 1.0), (1.5e-4, 1.7, 2.0), (8e-5, 3.1, 0.5)))  # fmt: skip
@@ -136,7 +140,7 @@ def test_a_ripple_is_named_beside_a_lag_of_a_thousand_times_its_energy() -> None
     made = from_arrays("lag", t[settled], position[settled], force[settled])
     answer = diagnose(made, "spring,viscous,bias").answer
     assert answer["class"] == [["force_lag", "position_ripple"]]
-    assert answer["error"]["after_over_floor"] < 1.5
+    assert answer["error"]["after_over_floor"] < 1.03
 
 
 def test_a_name_that_leaves_thirty_times_the_noise_is_partly_named() -> None:

@@ -23,7 +23,7 @@ from teleop_rt.diagnosis.inference.search import (
 from teleop_rt.diagnosis.inference.unsupported import at_wrong_bound
 from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.noise.structure import noise_from
-from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts
+from teleop_rt.diagnosis.samples.preparation import without_edges, without_impacts, without_start
 
 _RED_NOISE_RATIO = 3.0  # times the fastest noise's power; redder noise may contain an effect
 _SLOW_NOISE_RATIO, _SLOW_PART = 10.0, 50  # the same, of the slowest fiftieth of the band alone
@@ -54,7 +54,9 @@ def weigh_singles(
         shifts = [fit.model.shift(fit.zeta) for fit in singles[:_NOISE_CANDIDATES]]
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     plausible = worth_extending(alone, singles)
-    problem, fast = (without_impacts(one, plausible) for one in (problem, fast))
+    problem, fast = (
+        without_start(without_impacts(one, plausible), singles[:1]) for one in (problem, fast)
+    )
     problem, alone, singles = _with_settled_noise(problem, alone, singles, library)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:
         fits = (alone, *singles[:_WHITE_FITS])
