@@ -58,7 +58,7 @@ HOW = {
     "moves_position": "the position is corrected by the effect itself, which follows the motion",
     "deflects": "the position is corrected by the deflection under the measured force",
     "slackens": "it is not corrected on-line: it acts where the force is small",
-    "filters_force": "the position is low-passed like the force before the model uses both",
+    "filters_force": "the position passes the force channel's filter before the model uses both",
     "limits_force": "it cannot be undone on-line: the samples that it spoils are left out",
     "shifts_time": "position and force are aligned by its lag",
 }

@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import cos, exp, pi, sin, sqrt
 
 from teleop_rt.contact.effect import WITHOUT_CONTACT, Amplitude, Effect, Shape, Vector
+from teleop_rt.contact.effects.softening import LOSS_TIME
 from teleop_rt.kernels.jit import kernel
 
 
@@ -59,6 +60,13 @@ def _low_pass_of_two(
     state[1] = slope + fade * (rate * (cosine - decay * sine) - gap * natural * natural * sine)
     state[2] = x
     return float(state[0])
+
+
+@kernel
+def _drifting_gain(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(x * (1.0 + eta[0] * (1.0 - exp(-t / eta[1]))))
 
 
 @kernel
@@ -177,6 +185,23 @@ EFFECTS = (
         sentence="The force channel is slow: second order, {bandwidth}, damped by {damping_ratio}.",
         compensation="shift_time",
         state_size=4,
+        only_in_contact=False,
+        acts="filters_force",
+    ),
+    # An amplifier that warms. A body that softens as a whole reads the same, and so both are named.
+    Effect(
+        name="gain_drift",
+        family="drift",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=_UNITY,
+        shapes=(
+            Shape("gain_change", "1", -0.7, 1.5, 0.1, points=4, neutral=0.0),
+            replace(LOSS_TIME, points=4, ideal="upper"),
+        ),
+        step=_drifting_gain,
+        sentence="Within {time_constant} the gain of the force channel changes by {gain_change}.",
+        compensation="shift_time",
         only_in_contact=False,
         acts="filters_force",
     ),

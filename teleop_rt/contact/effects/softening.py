@@ -110,7 +110,7 @@ _LOAD_TIME = Shape(
     points=8,
     ideal="upper",
 )
-_LOSS_TIME = Shape(
+LOSS_TIME = Shape(
     "time_constant",
     "s",
     0.03,
@@ -127,7 +127,7 @@ _HELD_SOFTENING = Effect(
     belongs_to="environment",
     stage="material",
     amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
-    shapes=(replace(CENTRE, points=3), _LOSS_TIME),
+    shapes=(replace(CENTRE, points=3), LOSS_TIME),
     step=_weakened_on_both_sides,
     sentence="Within {time_constant} the stiffness about {centre} falls by {stiffness_lost}.",
     turned="Within {time_constant} the stiffness about {centre} rises by {-stiffness_lost}.",
@@ -141,7 +141,7 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
-        shapes=(_LOSS_TIME,),
+        shapes=(LOSS_TIME,),
         step=_weakened,
         sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
         turned="Within {time_constant} the stiffness rises by {-stiffness_lost}.",
@@ -154,7 +154,7 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}"),
-        shapes=(_LOSS_TIME, _DAMPING_TIME),
+        shapes=(LOSS_TIME, _DAMPING_TIME),
         step=_weakened_alike,
         sentence=(
             "Within {time_constant} the stiffness falls by {stiffness_lost}, the damping by"
@@ -212,7 +212,7 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}^power"),
-        shapes=(_LOSS_TIME, SPRING_POWER),
+        shapes=(LOSS_TIME, SPRING_POWER),
         step=_weakened_spring,
         sentence="Within {time_constant} the stiffness falls by {stiffness_lost}.",
         turned="Within {time_constant} the stiffness rises by {-stiffness_lost}.",
@@ -225,7 +225,7 @@ EFFECTS = (
         belongs_to="environment",
         stage="material",
         amplitude=Amplitude("stiffness_lost", "{f}/{x}^power"),
-        shapes=(_LOSS_TIME, _DAMPING_SPEED, SPRING_POWER),
+        shapes=(LOSS_TIME, _DAMPING_SPEED, SPRING_POWER),
         step=_weakened_spring_alike,
         sentence=(
             "Within {time_constant} the stiffness falls by {stiffness_lost}, and the damping, which"
