@@ -47,6 +47,7 @@ VOCABULARY = {
     "force_drift": ("rig", "sensor"),
     "periodic_disturbance": ("rig", "sensor"),
     "force_lag": ("rig", "sensor"),
+    "gain_drift": ("rig", "sensor"),
     "force_saturation": ("rig", "sensor"),
     "outliers": ("rig", "sensor"),
 }

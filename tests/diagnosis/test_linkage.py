@@ -117,3 +117,20 @@ def test_a_weight_stands_in_for_no_bias_and_layer() -> None:
     assert ["force_bias", "second_layer"] in [
         sorted(names) for names in diagnose(biased, "kelvin-voigt").answer["class"]
     ]
+
+
+@pytest.mark.parametrize("way", cases(1.0, -1.0))
+def test_a_gas_spring_is_a_return_spring_whichever_way_it_is_compressed(way: float) -> None:
+    """A polytropic column: it stiffens as no weight on a linkage does."""
+    x, v, a = strokes(5)
+    push = way * 4.0 * (1.0 - way * x / 0.05) ** -1.25
+    force = (
+        MASS * a + VISCOUS * v + push + 0.3 * NOISE_N * np.random.default_rng(6).normal(size=x.size)
+    )
+    answer = diagnose(
+        from_arrays("gas", DT_S * np.arange(x.size), x + 0.2, force), "mass-damper"
+    ).answer
+    assert answer["class"] == [["return_spring"]]
+    end = answer["effects"][0]["parameters"]["column_end"]
+    assert end["value"] == pytest.approx(0.2 + way * 0.05, abs=0.004)
+    assert answer["error"]["after_over_floor"] < 1.05
