@@ -48,6 +48,7 @@ VOCABULARY = {
     "periodic_disturbance": ("rig", "sensor"),
     "force_lag": ("rig", "sensor"),
     "gain_drift": ("rig", "sensor"),
+    "charge_leak": ("rig", "sensor"),
     "force_saturation": ("rig", "sensor"),
     "outliers": ("rig", "sensor"),
 }

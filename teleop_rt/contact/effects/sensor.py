@@ -70,6 +70,24 @@ def _drifting_gain(
 
 
 @kernel
+def _high_pass(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    """Advance a first-order high-pass, exact for an input that is linear between samples.
+
+    eta: time constant; state: output, last input, a start flag. It starts as an amplifier that is
+    reset without load.
+    """
+    if state[2] == 0.0:
+        state[2] = 1.0
+        state[1] = x
+    decay = exp(-dt / eta[0])
+    state[0] = decay * state[0] + (x - state[1]) / dt * eta[0] * (1.0 - decay)
+    state[1] = x
+    return float(state[0])
+
+
+@kernel
 def _clipped(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -202,6 +220,21 @@ EFFECTS = (
         step=_drifting_gain,
         sentence="Within {time_constant} the gain of the force channel changes by {gain_change}.",
         compensation="shift_time",
+        only_in_contact=False,
+        acts="filters_force",
+    ),
+    # A piezoelectric sensor: its charge leaks, and the force falls below zero after a release.
+    Effect(
+        name="charge_leak",
+        family="drift",
+        belongs_to="rig",
+        stage="sensor",
+        amplitude=_UNITY,
+        shapes=(replace(LOSS_TIME, points=8, ideal="upper"),),
+        step=_high_pass,
+        sentence="The force channel forgets a constant force within {time_constant}.",
+        compensation="shift_time",
+        state_size=3,
         only_in_contact=False,
         acts="filters_force",
     ),

@@ -244,7 +244,7 @@ def without_start(problem: Problem, fits: Iterable[Fit]) -> Problem:
     for fit in fits:
         course = Course.of(fit.model, problem.motion, fit.zeta)
         for effect, (_, eta) in zip(fit.model.effects, course.parameters, strict=True):
-            if effect.acts == "filters_force" and effect.state_size:
+            if effect.acts == "filters_force" and effect.family == "delay":
                 answer = run_step(effect, step, step, step, step, problem.motion.dt, eta)
                 unsettled = np.flatnonzero(np.abs(answer - 1.0) > _SETTLED)
                 mask[: unsettled[-1] + 1] = 0.0
