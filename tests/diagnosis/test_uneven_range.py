@@ -10,6 +10,7 @@ from teleop_rt.contact.effects.sensor import range_of
 from teleop_rt.contact.fitted import FittedEffect
 from teleop_rt.diagnosis.diagnose import diagnose
 from teleop_rt.diagnosis.samples.held import is_left
+from teleop_rt.diagnosis.samples.range_end import reads_an_end
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.recordings.recording import Recording, from_arrays
 
@@ -55,6 +56,16 @@ def test_the_lower_end_of_a_range_is_no_free_air() -> None:
     noise = 0.01 * np.random.default_rng(3).standard_normal(t.size)
     assert is_left(from_arrays("left", t, x, 1200.0 * np.maximum(x, 0.0) + noise))
     assert is_left(from_arrays("left, in steps", t, x, 0.1 * np.round(1e4 * np.maximum(x, 0.0))))
+
+
+@pytest.mark.parametrize(("offset", "is_end"), [(0.0, False), (-0.05, True)])
+def test_a_body_that_goes_slack_reads_no_end_of_the_range(offset: float, is_end: bool) -> None:
+    """A tape without load reads hardly any force; a channel ends elsewhere."""
+    t = 2e-3 * np.arange(3000)
+    x = 0.01 * np.sin(2.0 * t)
+    force = np.maximum(x, 0.0) / 0.01 + offset
+    force += 1e-3 * np.random.default_rng(3).standard_normal(t.size)
+    assert reads_an_end(from_arrays("tape", t, x, force)) == is_end
 
 
 def test_forces_at_either_end_are_left_out_on_line() -> None:

@@ -40,9 +40,9 @@ class Count:
 @pytest.mark.parametrize(
     ("effects", "fits", "predictions"),
     [
-        ((), 820, 460),
-        (("coulomb_friction",), 1340, 1100),
-        (("channel_delay", "force_bias"), 2330, 3250),
+        ((), 830, 460),
+        (("coulomb_friction",), 1350, 1100),
+        (("channel_delay", "force_bias"), 2400, 3250),
     ],
 )
 def test_a_recording_of_ten_seconds_needs_few_fits(

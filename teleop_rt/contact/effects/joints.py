@@ -93,6 +93,7 @@ def _slack_at_no_force(
 
 
 _UNITY = Amplitude("scale", "1", unity=True)
+BEFORE_A_SPRING = f"{WITHOUT_CONTACT}, before the spring"  # law of a play that no damper passes
 BEYOND_THE_MASS = "beyond the tool's mass"  # law of a play between the tool and its tip
 
 
@@ -204,7 +205,7 @@ EFFECTS = (
     # Here the damping is the drive's own; in the laws above it is the tip's.
     replace(
         _PLAY,
-        law=f"{WITHOUT_CONTACT}, before the spring",
+        law=BEFORE_A_SPRING,
         amplitude=Amplitude("spring_stiffness", "{f}/{x}", nonnegative=True),
         sentence="A play of {gap} lies between the drive and a spring of {spring_stiffness}.",
         acts="adds_force",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from teleop_rt.contact.effect import OF_THE_SPRING, Effect
 from teleop_rt.contact.effects.friction import UNDER_LOAD
-from teleop_rt.contact.effects.joints import BEYOND_THE_MASS
+from teleop_rt.contact.effects.joints import BEFORE_A_SPRING, BEYOND_THE_MASS
 from teleop_rt.contact.effects.sensor import AT_TWO_ENDS, SEEN_IN_AIR
 from teleop_rt.contact.effects.swinging import ON_ITS_SPRING
 from teleop_rt.contact.effects.tool import (
@@ -90,7 +90,8 @@ def _is_in_base(effect: Effect, base: Base, pressed: bool) -> bool:
 
 
 def _is_of_a_spring(effect: Effect) -> bool:
-    return effect.family in {"relaxation", "stiffening"} or effect.name == "softening"
+    of_material = effect.family in {"relaxation", "stiffening"} or effect.name == "softening"
+    return of_material or effect.law == BEFORE_A_SPRING
 
 
 def _pulls_the_axis(effect: Effect, base: Base, *, rotary: bool, in_air: bool) -> bool:
