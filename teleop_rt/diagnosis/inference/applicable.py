@@ -5,12 +5,11 @@ from __future__ import annotations
 from teleop_rt.contact.effect import OF_THE_SPRING, Effect
 from teleop_rt.contact.effects.friction import UNDER_LOAD
 from teleop_rt.contact.effects.joints import BEFORE_A_SPRING, BEYOND_THE_MASS
+from teleop_rt.contact.effects.return_spring import BESIDE_A_BODY, RETURN_SPRING
 from teleop_rt.contact.effects.sensor import AT_TWO_ENDS, SEEN_IN_AIR
 from teleop_rt.contact.effects.swinging import ON_ITS_SPRING
 from teleop_rt.contact.effects.tool import (
-    BESIDE_A_BODY,
     LINKAGE_BESIDE_A_SPRING,
-    RETURN_SPRING,
     THROUGH_A_LINKAGE,
 )
 from teleop_rt.diagnosis.models.base import Base

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_rt.contact.effect import Effect
-from teleop_rt.contact.effects.tool import RETURN_SPRING
+from teleop_rt.contact.effects.return_spring import RETURN_SPRING
 from teleop_rt.contact.law import touches
 from teleop_rt.diagnosis.criteria import REDRAWN_NOISE_RATIO
 from teleop_rt.diagnosis.inference.confirmed import Judged, confirmed
