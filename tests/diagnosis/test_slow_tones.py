@@ -47,5 +47,6 @@ def test_only_free_air_shows_a_tone_as_slow_as_the_motion(
     t = 4e-3 * np.arange(500)
     swing = from_arrays("swing", t, 0.01 * np.sin(2.0 * t), np.sign(np.cos(2.0 * t)))
     possible = applicable(LIBRARY, swing, base_of(base), pressed=pressed)
-    (tone,) = (effect for effect in possible if effect.name == "periodic_disturbance")
-    assert tone.shapes[0].lower == slowest_Hz
+    tones = [effect for effect in possible if effect.name == "periodic_disturbance"]
+    assert {tone.shapes[0].lower for tone in tones} == {slowest_Hz}
+    assert len(tones) == (2 if base == "kelvin-voigt" else 1)  # the other one has harmonics

@@ -7,6 +7,7 @@ from teleop_rt.contact.effects import (
     adhesion,
     damage,
     damping,
+    disturbance,
     friction,
     hysteresis,
     joints,
@@ -45,6 +46,7 @@ LIBRARY: tuple[Effect, ...] = (
     *swinging.EFFECTS,
     *ripple.EFFECTS,
     *sensor_zero.EFFECTS,
+    *disturbance.EFFECTS,
     *sensor.EFFECTS,
 )
 NAMES: tuple[str, ...] = tuple(dict.fromkeys(effect.name for effect in LIBRARY))

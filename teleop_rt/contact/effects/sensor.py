@@ -16,11 +16,6 @@ def _one(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: 
 
 
 @kernel
-def _tone(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
-    return sin(2.0 * pi * eta[0] * t + eta[1])
-
-
-@kernel
 def _low_pass(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -164,29 +159,7 @@ def range_of(effect: Effect, eta: Vector) -> tuple[float, float]:
     return 0.5 * (level + lowest), 0.5 * (level - lowest)
 
 
-SEEN_IN_AIR = "seen in free air"  # law of a tone that may be as slow as the motion
-_PHASE = Shape("phase", "rad", -2 * pi, 2 * pi, 0.0, phase=True)
-_TONE = Effect(
-    name="periodic_disturbance",
-    family="periodic",
-    belongs_to="rig",
-    stage="sensor",
-    amplitude=Amplitude("disturbance", "{f}", nonnegative=True),
-    # Where free air does not show it alone, a slower tone is the friction of a periodic motion.
-    shapes=(Shape("frequency", "Hz", 1.0, 500.0, 50.0, points=0), _PHASE),
-    step=_tone,
-    sentence="A disturbance of {disturbance} at {frequency} lies on the force.",
-    compensation="subtract_force",
-    only_in_contact=False,
-)
-
 EFFECTS = (
-    _TONE,
-    replace(
-        _TONE,
-        law=SEEN_IN_AIR,
-        shapes=(Shape("frequency", "Hz", 0.03, 500.0, 50.0, points=0), _PHASE),
-    ),
     FIRST_ORDER_LAG,
     Effect(
         name="force_lag",

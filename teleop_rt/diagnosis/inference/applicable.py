@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from teleop_rt.contact.effect import OF_THE_SPRING, Effect
+from teleop_rt.contact.effects.disturbance import SEEN_IN_AIR, WITH_HARMONICS
 from teleop_rt.contact.effects.friction import UNDER_LOAD
 from teleop_rt.contact.effects.joints import BEFORE_A_SPRING, BEYOND_THE_MASS
 from teleop_rt.contact.effects.return_spring import BESIDE_A_BODY, RETURN_SPRING
-from teleop_rt.contact.effects.sensor import AT_TWO_ENDS, SEEN_IN_AIR
+from teleop_rt.contact.effects.sensor import AT_TWO_ENDS
 from teleop_rt.contact.effects.swinging import ON_ITS_SPRING
 from teleop_rt.contact.effects.tool import (
     LINKAGE_BESIDE_A_SPRING,
@@ -42,7 +43,7 @@ def applicable(
         if effect.name == OUTLIERS or (effect.law == AT_TWO_ENDS and not at_end):
             return False
         if (effect.name, SEEN_IN_AIR) in laws:
-            return (effect.law == SEEN_IN_AIR) == (base.touches and not pressed)
+            return _shows_tone(effect, base, in_air=not pressed)
         if effect.name in {"gravity_torque", RETURN_SPRING}:
             return _pulls_the_axis(effect, base, rotary=rotary, in_air=not pressed)
         if _is_in_base(effect, base, pressed) or _is_of_another_spring(effect, base, laws):
@@ -55,6 +56,15 @@ def applicable(
         return base.touches or not (material or loaded)
 
     return tuple(effect for effect in effects if possible(effect))
+
+
+def _shows_tone(effect: Effect, base: Base, *, in_air: bool) -> bool:
+    """Return whether a law of a tone is possible; one as slow as the motion shows `in_air` alone.
+
+    Without contact the harmonics of a periodic motion would take the forces of other effects.
+    """
+    seen = effect.law.startswith(SEEN_IN_AIR) == (base.touches and in_air)
+    return seen and (base.touches or not effect.law.endswith(WITH_HARMONICS))
 
 
 def _is_of_another_spring(effect: Effect, base: Base, laws: set[tuple[str, str]]) -> bool:
