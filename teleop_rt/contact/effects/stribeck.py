@@ -18,6 +18,13 @@ def _stribeck_smoothed(
 
 
 @kernel
+def _stribeck_of_any_fall(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(tanh(v / eta[2]) * (1.0 + eta[1] * exp(-((abs(v) / eta[0]) ** eta[3]))))
+
+
+@kernel
 def _stribeck_presliding(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -53,6 +60,8 @@ _STRIBECK = (
     ),
     Shape("excess_ratio", "1", 0.05, 4.0, 0.6, logarithmic=True, points=2),
 )
+# Of Gauss 2, of Tustin 1; a slower one is that of Hess and Soom.
+_FALL = Shape("fall", "1", 0.4, 2.5, 1.5, points=1)
 
 _STRIBECK_FRICTION = replace(
     DRY,
@@ -63,6 +72,13 @@ _STRIBECK_FRICTION = replace(
 )
 EFFECTS = (
     _STRIBECK_FRICTION,
+    replace(
+        _STRIBECK_FRICTION,
+        law="smoothed sign, of any fall",
+        shapes=(*_STRIBECK, SMOOTHING, _FALL),
+        step=_stribeck_of_any_fall,
+        extends="smoothed sign",
+    ),
     replace(
         _STRIBECK_FRICTION,
         law="presliding",
