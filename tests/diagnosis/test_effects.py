@@ -29,6 +29,7 @@ VOCABULARY = {
     "fractional_relaxation": ("environment", "material"),
     "nonlinear_stiffening": ("environment", "material"),
     "second_layer": ("environment", "material"),
+    "preload": ("environment", "material"),
     "hysteresis": ("environment", "material"),
     "mullins_softening": ("environment", "material"),
     "softening": ("environment", "material"),

@@ -40,7 +40,7 @@ class Count:
 @pytest.mark.parametrize(
     ("effects", "fits", "predictions"),
     [
-        ((), 830, 460),
+        ((), 870, 520),
         (("coulomb_friction",), 1350, 1100),
         (("channel_delay", "force_bias"), 2400, 3250),
     ],

@@ -31,6 +31,13 @@ def _levelling(
 
 
 @kernel
+def _at_once(
+    state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
+) -> float:
+    return float(1.0 - exp(-max(x, 0.0) / eta[0]))
+
+
+@kernel
 def _cubic(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
     return float((x - eta[0]) ** 3)
 
@@ -130,5 +137,29 @@ EFFECTS = (
         compensation="render",
         only_in_contact=False,
         extends=WITHOUT_CONTACT,
+    ),
+    Effect(
+        name="preload",  # a plunger on its collar, a spring that is hooked in under tension
+        family="stiffening",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("preload", "{f}", nonnegative=True),
+        # Within more it is a body that levels off.
+        shapes=(
+            Shape(
+                "within",
+                "{x}",
+                1e-4,
+                0.03,
+                3e-3,
+                logarithmic=True,
+                relative_to="travel",
+                points=4,
+                ideal="lower",
+            ),
+        ),
+        step=_at_once,
+        sentence="The body is preloaded: within {within} of its surface it pushes with {preload}.",
+        compensation="render",
     ),
 )
