@@ -3,7 +3,8 @@
 Of an additive effect the amplitude is estimated on-line, beside the base's parameters; its shape
 parameters keep the diagnosed values. Every other effect acts on position, force or time before
 the regressions see them; it is taken as found, for it enters nonlinearly. A `contact_offset`
-needs no correction: the surface is found again in each run.
+needs no correction: the surface is found again in each run. A force channel that leaks, or whose
+gain drifts, gets none: neither its memory nor its temperature is known in another run.
 """
 
 from __future__ import annotations
@@ -123,6 +124,7 @@ def extension_of(place: str, base: str, fitted: tuple[FittedEffect, ...]) -> Ext
             f
             for f in fitted
             if f.effect.acts not in {"adds_force", "shifts_time"}
+            and f.effect.compensation != "none"
             and f.effect.name != "contact_offset"
         ),
         sum(f.amplitude for f in fitted if f.effect.acts == "shifts_time"),

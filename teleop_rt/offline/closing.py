@@ -58,7 +58,7 @@ HOW = {
     "moves_position": "the position is corrected by the effect itself, which follows the motion",
     "deflects": "the position is corrected by the deflection under the measured force",
     "slackens": "it is not corrected on-line: it acts where the force is small",
-    "filters_force": "the position passes the force channel's filter before the model uses both",
+    "filters_force": "the position is low-passed like the force before the model uses both",
     "limits_force": "it cannot be undone on-line: the samples that it spoils are left out",
     "shifts_time": "position and force are aligned by its lag",
 }
@@ -310,5 +310,7 @@ def handled(answer: Mapping[str, Any], library: tuple[Effect, ...]) -> list[dict
             else "kept from the operator"
         )
         how = "the surface is found again" if effect.name == "contact_offset" else HOW[effect.acts]
+        if effect.acts == "filters_force" and effect.compensation == "none":
+            how = "it is not corrected on-line: mend or calibrate the force channel"
         handlings.append({"name": effect.name, "where": where, "how": how})
     return handlings

@@ -30,7 +30,7 @@ def classes(
 
 @pytest.mark.parametrize("gain", cases(-0.12, 0.12))
 def test_a_gain_that_drifts_may_be_a_body_that_softens_as_a_whole(gain: float) -> None:
-    """One force has two causes; a weight on the sensor before and after would tell them apart."""
+    """One force has two causes; a weight on the sensor before and after would distinguish them."""
     assert sorted(classes(gain)[0]) == [["gain_drift"], ["softening"]]
 
 

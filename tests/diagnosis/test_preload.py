@@ -25,7 +25,7 @@ def answer(preload_N: float, within_m: float) -> dict:
 
 @pytest.mark.parametrize("within_m", cases(1e-5, 6e-5))
 def test_a_force_that_is_there_at_once_is_a_preload(within_m: float) -> None:
-    """Without a word for it a relaxation was named in its place."""
+    """A relaxation was named in its place."""
     found = answer(1.5, within_m)
     assert ["preload"] in found["class"]
     assert len(found["class"]) <= 2  # a thin stiff crust pushes alike

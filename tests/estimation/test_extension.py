@@ -206,6 +206,20 @@ def on_screw(pitch_error, pitch, phase, surface):
     return encoder, force, valid
 
 
+@pytest.mark.parametrize(
+    "channel",
+    [
+        ("charge_leak", "", {"time_constant": 2.0}),
+        ("gain_drift", "", {"gain_change": -0.2, "time_constant": 5.0}),
+    ],
+)
+def test_what_a_channel_has_forgotten_in_another_run_is_not_corrected(channel):
+    """It is known for the recording alone on which it was found."""
+    extension = extension_from("model.yaml", document(channel))
+    assert extension.corrections == ()
+    assert extension.terms == ()
+
+
 def test_a_screw_keeps_its_phase_where_another_surface_is_met():
     """Counted from each surface that was met, the phase before the first one was arbitrary."""
     effect = ("position_ripple", "of a screw's pitch",
