@@ -57,6 +57,18 @@ def _weakened_by_load(
 
 
 @kernel
+def _worked(state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector) -> float:
+    """Return the force lost by a structure that motion breaks and rest rebuilds.
+
+    s' = (1 - s) |v| / eta[0] - s / eta[1] is the part of it that is broken (Moore 1959).
+    """
+    broken = abs(v) / eta[0] if touches(x) else 0.0
+    rate = broken + 1.0 / eta[1]
+    state[0] = broken / rate + (state[0] - broken / rate) * exp(-rate * dt)
+    return float(-max(x, 0.0) * state[0])
+
+
+@kernel
 def _weakened_spring(
     state: Vector, x: float, v: float, a: float, t: float, dt: float, eta: Vector
 ) -> float:
@@ -163,6 +175,45 @@ EFFECTS = (
         turned=(
             "Within {time_constant} the stiffness rises by {-stiffness_lost}, the damping by"
             " {damping_time} times that."
+        ),
+        compensation="render",
+        derivative_order=1,
+    ),
+    Effect(
+        name="softening",
+        law="healing at rest",  # a gel, yoghurt, mud: thixotropy
+        family="drift",
+        belongs_to="environment",
+        stage="material",
+        amplitude=Amplitude("stiffness_lost", "{f}/{x}", nonnegative=True),
+        shapes=(
+            Shape(
+                "worked_way",
+                "{x}",
+                0.2,
+                100.0,
+                3.0,
+                logarithmic=True,
+                relative_to="travel",
+                points=4,
+            ),
+            Shape(
+                "healing_time",
+                "s",
+                0.01,
+                3.0,
+                0.1,
+                logarithmic=True,
+                relative_to="duration",
+                points=4,
+                ideal="upper",
+            ),
+        ),
+        step=_worked,
+        state_size=1,
+        sentence=(
+            "A way of {worked_way} in the body breaks {stiffness_lost} of its stiffness, and rest"
+            " heals that within {healing_time}."
         ),
         compensation="render",
         derivative_order=1,
