@@ -27,7 +27,7 @@ from teleop_rt.diagnosis.models.fit import Fit, Problem
 from teleop_rt.diagnosis.models.model import CandidateModel
 
 OF_TIME = frozenset({"drift", "periodic"})  # families whose laws hold for one recording alone
-_STARTS = 10  # laws fitted at each step, of those that promise most
+_STARTS = 12  # laws fitted at each step, of those that promise most
 _FIRSTS = 3  # single effects from which pairs are sought
 _RECLAMPED = 3  # best fits of each step that are fitted with another clamp as well
 # Of chi-square. Below it a second harmonic only adapts to forces that no law of the set describes:
