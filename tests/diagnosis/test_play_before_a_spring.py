@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from teleop_rt.contact.effects import LIBRARY
+from teleop_rt.contact.effects.joints import BEFORE_A_SPRING
 from teleop_rt.diagnosis.diagnose import diagnose
+from teleop_rt.diagnosis.inference.applicable import applicable
+from teleop_rt.diagnosis.models.base import base_of
 from teleop_rt.recordings.recording import from_arrays
 
 DT_S, GAP_M, SPRING, DAMPING, NOISE_N = 2e-3, 1.8e-3, 75.0, 6.0, 0.007
@@ -29,3 +33,13 @@ def test_a_chain_hangs_slack_between_a_drive_and_its_spring(ripple_N: float) -> 
     sizes = {n: p["value"] for e in answer["effects"] for n, p in e["parameters"].items()}
     assert sizes["gap"] == pytest.approx(GAP_M, rel=0.05)
     assert sizes["spring_stiffness"] == pytest.approx(SPRING, rel=0.05)
+
+
+@pytest.mark.parametrize(("base", "possible"), [("spring,viscous,bias", True),
+                                                ("mass,viscous,bias", False)])  # fmt: skip
+def test_a_drive_without_a_spring_has_no_play_before_one(base: str, possible: bool) -> None:
+    """There the law took the form error of a friction, as a third effect."""
+    t = DT_S * np.arange(500)
+    made = from_arrays("slide", t, 0.01 * np.sin(2.0 * t), np.sign(np.cos(2.0 * t)))
+    laws = {(one.name, one.law) for one in applicable(LIBRARY, made, base_of(base))}
+    assert (("backlash", BEFORE_A_SPRING) in laws) == possible
