@@ -309,8 +309,14 @@ def handled(answer: Mapping[str, Any], library: tuple[Effect, ...]) -> list[dict
             if one["belongs_to"] == "environment"
             else "kept from the operator"
         )
-        how = "the surface is found again" if effect.name == "contact_offset" else HOW[effect.acts]
-        if effect.acts == "filters_force" and effect.compensation == "none":
-            how = "it is not corrected on-line: mend or calibrate the force channel"
-        handlings.append({"name": effect.name, "where": where, "how": how})
+        handlings.append({"name": effect.name, "where": where, "how": _how(effect)})
     return handlings
+
+
+def _how(effect: Effect) -> str:
+    """Return how an effect is handled on-line, in words."""
+    if effect.name == "contact_offset":
+        return "the surface is found again"
+    if effect.acts == "filters_force" and effect.compensation == "none":
+        return "it is not corrected on-line: mend or calibrate the force channel"
+    return HOW[effect.acts]

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from teleop_rt.contact.effects import LIBRARY
 from teleop_rt.contact.fitted import ExtendedModelError
 from teleop_rt.estimation.corrections import Corrections
 from teleop_rt.estimation.extension import extension_from
 from teleop_rt.estimation.pipeline import Pipeline, PipelineSettings
 from teleop_rt.estimation.rows import rows_for
+from teleop_rt.offline.closing import handled
 from teleop_rt_dev.estimation.plant import Press, kelvin_voigt, record
 
 from . import cube_rig
@@ -218,6 +220,9 @@ def test_what_a_channel_has_forgotten_in_another_run_is_not_corrected(channel):
     extension = extension_from("model.yaml", document(channel))
     assert extension.corrections == ()
     assert extension.terms == ()
+    answer = {"effects": [{"name": channel[0], "law": channel[1], "belongs_to": "rig"}]}
+    (handling,) = handled(answer, LIBRARY)
+    assert handling["how"].startswith("it is not corrected on-line")
 
 
 def test_a_screw_keeps_its_phase_where_another_surface_is_met():

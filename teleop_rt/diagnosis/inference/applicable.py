@@ -9,10 +9,7 @@ from teleop_rt.contact.effects.joints import BEFORE_A_SPRING, BEYOND_THE_MASS
 from teleop_rt.contact.effects.return_spring import BESIDE_A_BODY, RETURN_SPRING
 from teleop_rt.contact.effects.sensor import AT_TWO_ENDS
 from teleop_rt.contact.effects.swinging import ON_ITS_SPRING
-from teleop_rt.contact.effects.tool import (
-    LINKAGE_BESIDE_A_SPRING,
-    THROUGH_A_LINKAGE,
-)
+from teleop_rt.contact.effects.tool import LINKAGE_BESIDE_A_SPRING, THROUGH_A_LINKAGE
 from teleop_rt.diagnosis.models.base import Base
 from teleop_rt.diagnosis.samples.outliers import OUTLIERS
 from teleop_rt.diagnosis.samples.range_end import reads_an_end

@@ -55,7 +55,7 @@ def weigh_singles(
         problem, fast = without_edges(problem, shifts), without_edges(fast, shifts)
     plausible = worth_extending(alone, singles)
     problem, fast = (
-        without_start(without_impacts(one, plausible), singles[:1]) for one in (problem, fast)
+        without_start(without_impacts(one, plausible), singles[0]) for one in (problem, fast)
     )
     problem, alone, singles = _with_settled_noise(problem, alone, singles, library)
     if _looks_red(problem, fast) and alone.bic - singles[0].bic > CERTAIN_BIC:

@@ -42,7 +42,7 @@ _IMPACT_SPEED = 0.02  # of the speed scale; a larger jump of the tip is an impac
 _IMPACT_RATIO = 1.5  # of the error elsewhere: 1.2 to 1.4 at closings without, 2.0 with an impact
 _IMPACT_SAMPLES = 3  # left out on either side: filters of the sensor spread an impact
 _FADING_PART = 5  # part of a recording (a fifth) in which memories of earlier contact fade
-_SETTLED = 1e-3  # of a step, of which a filter misses no more when it has settled
+_SETTLED_STEP = 1e-3  # of a step, of which a filter misses no more when it has settled
 _FEWEST_OF_A_CUBIC = 2  # samples on either side that determine a cubic
 _ABOUT_OUTLIER = 11  # samples, most of them in use: beside a touch a residual has jumps of its own
 _FEWEST_OUTLIERS = 3  # that the force shows; fewer may be chance
@@ -231,23 +231,23 @@ def without_impacts(problem: Problem, fits: Iterable[Fit]) -> Problem:
     return problem.keeping(mask)
 
 
-def without_start(problem: Problem, fits: Iterable[Fit]) -> Problem:
-    """Return the problem without the first samples, while a filter of one of the fits settles.
+def without_start(problem: Problem, fit: Fit) -> Problem:
+    """Return the problem without the first samples, while a filter of the force settles in a fit.
 
     Simulated, it starts at rest; a recording of a held body may begin while the channel follows a
     motion. One of a contact is used from free air on.
     """
-    fits = [fit for fit in fits if not fit.model.base.touches]
+    if fit.model.base.touches:
+        return problem
     mask = problem.whitener.mask.copy()
     step = np.ones(mask.size // _FADING_PART)
     step[0] = 0.0
-    for fit in fits:
-        course = Course.of(fit.model, problem.motion, fit.zeta)
-        for effect, (_, eta) in zip(fit.model.effects, course.parameters, strict=True):
-            if effect.acts == "filters_force" and effect.family == "delay":
-                answer = run_step(effect, step, step, step, step, problem.motion.dt, eta)
-                unsettled = np.flatnonzero(np.abs(answer - 1.0) > _SETTLED)
-                mask[: unsettled[-1] + 1] = 0.0
+    course = Course.of(fit.model, problem.motion, fit.zeta)
+    for effect, (_, eta) in zip(fit.model.effects, course.parameters, strict=True):
+        if effect.acts == "filters_force" and effect.family == "delay":
+            answer = run_step(effect, step, step, step, step, problem.motion.dt, eta)
+            unsettled = np.flatnonzero(np.abs(answer - 1.0) > _SETTLED_STEP)
+            mask[: unsettled[-1] + 1] = 0.0
     return problem.keeping(mask)
 
 
